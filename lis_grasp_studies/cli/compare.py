@@ -58,6 +58,7 @@ _SETUP = ("reference", "prober", "explorer", "policy", "mass", "friction")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     from lis_grasp.cli import options as opt
+    from lis_grasp_studies.harness.page import add_figures
 
     parser.description = (
         "Run a study: objects x estimators x touches x noise x hands x seeds. Options"
@@ -88,6 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="estimator used to explore for all, or 'own': each explores with itself",
     )
     opt.add_options(parser, "prober", "policy", "mass", "friction", show_default=False)
+    add_figures(parser)
     opt.add_jobs(parser)
     parser.add_argument(
         "--scheduler", metavar="ADDRESS", help="address of a Dask cluster, tcp://host:port"
@@ -132,7 +134,7 @@ def execute(options: argparse.Namespace) -> None:
                 f"a report needs rows of its study; {output} has none", option="--report-only"
             )
         _describe(study, output, options)
-        _report(study, rows, output)
+        _report(study, rows, output, options.figures)
         return
     require_packages("pyarrow", "statsmodels", extra="study", option="compare")
     study.require_files()
@@ -144,7 +146,7 @@ def execute(options: argparse.Namespace) -> None:
             stage.count(done, of)
         stage.result = f"{len(study.estimators)} estimators each"
     results.write_merged()
-    _report(study, results.of(study), output)
+    _report(study, results.of(study), output, options.figures)
 
 
 def _describe(study: Study, output: Path, options: argparse.Namespace) -> None:
@@ -158,7 +160,8 @@ def _describe(study: Study, output: Path, options: argparse.Namespace) -> None:
     write_text(described, yaml.safe_dump(study.facts(), sort_keys=False))
 
 
-def _report(study: Study, rows: list[Row], output: Path) -> None:
+def _report(study: Study, rows: list[Row], output: Path, figures: Path | None) -> None:
+    from lis_grasp_studies.harness.page import write_figures
     from lis_grasp_studies.harness.tables import rows_csv, write_tables
     from lis_grasp_studies.study.cases import draw_cases
     from lis_grasp_studies.study.comparison import compare
@@ -179,6 +182,7 @@ def _report(study: Study, rows: list[Row], output: Path) -> None:
         files = (*study.objects, *study.hands)
         pictures = [*draw_pictures(rows), *draw_cases(output, rows, study.reference, files)]
         write_report(output / "report.html", study, rows, tables, pictures, command=command)
+        write_figures(figures, pictures)
         stage.result = f"{len(rows)} rows, {len(comparisons)} comparisons"
     say(f"wrote {output}/report.html, rows.csv, and each table as")
     say(f"      {', '.join(table.name for table in tables)} in .csv and .tex")

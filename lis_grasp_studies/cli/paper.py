@@ -22,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     from lis_grasp.cli import options as opt
     from lis_grasp_studies.baselines import BASELINES
+    from lis_grasp_studies.harness.page import add_figures
 
     names = _default_estimators()
     parser.add_argument(
@@ -41,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f" {', '.join(name for name in BASELINES if name not in names)}, most of"
         " which need lis-grasp[baselines])",
     )
+    add_figures(parser)
     opt.add_jobs(parser)
     opt.add_output(parser, str(_OUTPUT))
     parser.set_defaults(execute=execute)
@@ -55,6 +57,7 @@ def _default_estimators() -> tuple[str, ...]:
 def execute(options: argparse.Namespace) -> None:
     """Run the missing trials, draw the figures, write the report."""
     from lis_grasp.pipeline.run_config import RunConfig
+    from lis_grasp_studies.harness.page import write_figures
     from lis_grasp_studies.harness.rows import TrialResults
     from lis_grasp_studies.harness.runner import local_scheduler
     from lis_grasp_studies.paper.report import draw_pictures, write_report
@@ -87,6 +90,7 @@ def execute(options: argparse.Namespace) -> None:
     report = output / "report.html"
     write_report(report, rows, pictures, command=command, estimator=RunConfig().estimator)
     write_text(output / "trials.csv", rows_as_csv(rows))
+    write_figures(options.figures, pictures)
     say(f"wrote {report}, {output / 'trials.csv'}")
     say(f"next: open {report} in a browser")
 

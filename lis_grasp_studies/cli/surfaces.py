@@ -27,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     from lis_grasp.cli import options as opt
     from lis_grasp.pipeline.run_config import RunConfig
+    from lis_grasp_studies.harness.page import add_figures
 
     parser.description = (
         "Estimate the surfaces of test objects of five families from even, random, clustered"
@@ -77,6 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--part", type=int, metavar="N", help=f"one case of N for each object (default: {_PART})"
     )
     parser.add_argument("--seeds", type=int, default=1, metavar="N", help="seeds (default: 1)")
+    add_figures(parser)
     opt.add_jobs(parser)
     opt.add_output(parser, str(_OUTPUT))
     parser.set_defaults(execute=execute)
@@ -87,6 +89,7 @@ def execute(options: argparse.Namespace) -> None:
     from lis_grasp_studies.contact_study.contact_sets import CASES
     from lis_grasp_studies.contact_study.report import write_contact_report
     from lis_grasp_studies.contact_study.score import SURFACES, TRUTH, surface_trials
+    from lis_grasp_studies.harness.page import write_figures
     from lis_grasp_studies.harness.rows import TrialResults
     from lis_grasp_studies.harness.runner import local_scheduler
 
@@ -106,7 +109,7 @@ def execute(options: argparse.Namespace) -> None:
         for done, total in SURFACES.run_missing(trials, made, results, scheduler):
             stage.count(done, total)
         stage.result = f"{len(trials)} contact sets, {len(names)} estimators"
-    write_contact_report(
+    chart = write_contact_report(
         output,
         SURFACES.rows(trials, made, results),
         subject=options.subject or names[0],
@@ -114,6 +117,7 @@ def execute(options: argparse.Namespace) -> None:
         estimators=names,
         command=_command(options),
     )
+    write_figures(options.figures, [chart])
     say(f"wrote {output / 'surfaces.md'}, each table and rows.csv beside it")
     say(f"next: read {output / 'surfaces.md'}")
 

@@ -11,6 +11,7 @@ from lis_grasp_studies.contact_study.score import CELLS, EXPLORED, TRUTH
 from lis_grasp_studies.contact_study.tables import (
     FLOOR,
     WORST,
+    ErrorRatio,
     by_family_table,
     by_kind_table,
     by_object_table,
@@ -20,6 +21,8 @@ from lis_grasp_studies.contact_study.tables import (
     losses_table,
     with_truth,
 )
+from lis_grasp_studies.figures import charts, estimator_label
+from lis_grasp_studies.harness.page import Picture
 from lis_grasp_studies.harness.tables import Table, rows_csv, write_tables
 
 _BOXES = {
@@ -38,8 +41,8 @@ def write_contact_report(
     reference: str,
     estimators: Sequence[str],
     command: str,
-) -> None:
-    """Write ``surfaces.md``, one CSV file for each table, and ``rows.csv`` into a folder.
+) -> Picture:
+    """Write ``surfaces.md``, one CSV file for each table, and ``rows.csv``; return the chart.
 
     Parameters
     ----------
@@ -70,6 +73,22 @@ def write_contact_report(
     page += [f"## {table.title}\n\n{_note(table)}{table.markdown()}" for table in tables[:-1]]
     page.append(_worst(tables[-1]))
     write_text(folder / "surfaces.md", "\n".join(page))
+    return _chart(ratios, reference, others)
+
+
+def _chart(ratios: Sequence[ErrorRatio], reference: str, others: Sequence[str]) -> Picture:
+    values: dict[str, dict[str, list[float]]] = {name: {} for name in others}
+    for ratio in ratios:
+        if ratio.estimator in values:
+            both = 0.5 * (ratio.truth_to_estimate + ratio.estimate_to_truth)
+            values[ratio.estimator].setdefault(ratio.family, []).append(both)
+    label = estimator_label(reference)
+    return Picture.of(
+        "Errors of surfaces by family",
+        f"Error over that of {label}, mean of truth to estimate and estimate to truth. Dots are"
+        " contact sets, bars their means, lines one standard deviation.",
+        charts.bars(values, title="Errors by family", ylabel=f"error / error of {label}"),
+    )
 
 
 def _introduction(rows: Sequence[Row], reference: str, command: str) -> str:

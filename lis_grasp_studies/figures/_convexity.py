@@ -51,7 +51,7 @@ def figure_4() -> Figure:
     title = "widths σ$_w$, at height σ$_h$ = 1"
     _draw_kernels(figure, 0.075, title, [(w, 1.0, w) for w in _WIDTHS])
     title = f"heights σ$_h$, at width σ$_w$ = {_HEIGHT_WIDTH:g}"
-    _draw_kernels(figure, 0.565, title, [(_HEIGHT_WIDTH, h, h) for h in _HEIGHTS])
+    _draw_kernels(figure, 0.56, title, [(_HEIGHT_WIDTH, h, h) for h in _HEIGHTS])
     figure.axes[0].set_ylabel("k$_φ$(φ)")
     return figure
 
@@ -60,7 +60,7 @@ def _draw_kernels(
     figure: Figure, left: float, title: str, kernels: Sequence[tuple[float, float, float]]
 ) -> None:
     """Draw kernels, each a width, a height and the number shown in the legend."""
-    axes = style.add_panel(figure, left, 0.18, 0.36, 0.68)
+    axes = style.add_panel(figure, left, 0.18, 0.34, 0.68)
     phi = np.linspace(-np.pi, np.pi, 721)
     for shade, (width, height, shown) in zip(_SHADES, kernels, strict=False):
         values = angular_kernel(phi, width=width, height=height)
@@ -68,7 +68,7 @@ def _draw_kernels(
     axes.set(xlim=(-np.pi, np.pi), ylim=(0.0, 1.05), yticks=[0.0, 0.25, 0.5, 0.75, 1.0])
     axes.set_xticks(np.pi * np.array([-1.0, -0.5, 0.0, 0.5, 1.0]), ["−π", "−π/2", "0", "π/2", "π"])
     style.label_axes(axes, "φ, angle from the neighbour’s direction", "")
-    legend = axes.legend(loc="center left", frameon=False, fontsize=style.SMALL, handlelength=1.4)
+    legend = axes.legend(loc="center left", frameon=False, fontsize=style.SMALL, handlelength=0.9)
     legend.set_bbox_to_anchor((1.0, 0.5))
     style.head(axes, title)
 

@@ -78,7 +78,7 @@ def figure_1(*, names: Sequence[str] = COLUMNS) -> Figure:
             style.side_note(figure, left - 0.01, 0.74, "two contacts, z = 0")
             style.side_note(figure, left - 0.01, 0.3, "cube, six contacts")
     ticks = {-0.05: "≤ −50, inside", 0.0: "0", 0.05: "≥ 50, outside"}
-    _potential_bar(figure, (0.3, 0.065, 0.4, 0.014), ticks)
+    _potential_bar(figure, (0.3, 0.075, 0.4, 0.014), ticks)
     return figure
 
 

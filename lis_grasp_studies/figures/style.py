@@ -19,23 +19,33 @@ from lis_grasp_studies.figures.palette import (
     estimator_label,
 )
 
-WIDTH = 9.0
-"""Of every figure [in]: at 100 dots an inch it is 900 pixels wide."""
+WIDTH = 7.16
+"""Of every figure [in]: the two columns of an IEEE page."""
 
-SMALL, NORMAL, LARGE = 8.5, 9.5, 11.0
+SMALL, NORMAL, LARGE = 8.0, 8.5, 9.5
 """Sizes of type [pt]."""
+
+_DRAWN_WIDTH = 9.0  # [in] of the width for which figures give their heights
 
 
 def new_figure(height: float) -> Figure:
-    """Return an empty white figure of the common width, `height` [in]."""
-    return Figure(figsize=(WIDTH, height), dpi=100, facecolor="white")
+    """Return an empty white figure of the common width; its height is `height` / 9 of that."""
+    return Figure(figsize=(WIDTH, height * WIDTH / _DRAWN_WIDTH), dpi=100, facecolor="white")
 
 
-def png_of(figure: Figure, *, dots_per_inch: int = 200) -> bytes:
+def png_of(figure: Figure, *, dots_per_inch: int = 250) -> bytes:
     """Return a figure as PNG; equal figures give equal bytes."""
     stream = io.BytesIO()
     # Without the version of matplotlib, which it writes by default.
     figure.savefig(stream, format="png", dpi=dots_per_inch, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def pdf_of(figure: Figure) -> bytes:
+    """Return a figure as PDF; equal figures give equal bytes."""
+    stream = io.BytesIO()
+    nothing = {"CreationDate": None, "Producer": None, "Creator": None}
+    figure.savefig(stream, format="pdf", metadata=nothing)
     return stream.getvalue()
 
 

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import argparse
 import base64
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
-from lis_grasp.io.atomic_writing import write_text
+from matplotlib.figure import Figure
+
+from lis_grasp.cli.progress import say
+from lis_grasp.io.atomic_writing import whole_file, write_text
+from lis_grasp_studies.figures.style import pdf_of, png_of
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #222; margin: 2rem auto; max-width: 62rem;
@@ -27,11 +33,17 @@ code { background: #f3f3f3; padding: .1rem .3rem; }
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure of a report: its title, its caption, and the PNG."""
+    """A figure of a report: its title, its caption, and the figure as PNG and PDF."""
 
     title: str
     caption: str
     png: bytes
+    pdf: bytes
+
+    @classmethod
+    def of(cls, title: str, caption: str, figure: Figure) -> Picture:
+        """Return the picture of a drawn figure."""
+        return cls(title, caption, png_of(figure), pdf_of(figure))
 
     def html(self) -> str:
         """Return the figure with its caption as HTML."""
@@ -40,6 +52,29 @@ class Picture:
             f'<figure><img alt="{title}" src="data:image/png;base64,{data}">'
             f"<figcaption><b>{title}.</b> {escape(self.caption)}</figcaption></figure>"
         )
+
+
+def add_figures(parser: argparse.ArgumentParser) -> None:
+    """Add the option to write the figures as files."""
+    parser.add_argument(
+        "--figures",
+        type=Path,
+        metavar="DIR",
+        help="also write each figure as PDF and PNG, as wide as two columns of an IEEE page",
+    )
+
+
+def write_figures(folder: Path | None, pictures: Sequence[Picture]) -> None:
+    """Write the pictures as PDF and PNG, named after their titles, and say so; None for nowhere."""
+    if folder is None:
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    for picture in pictures:
+        name = re.sub(r"\W+", "_", picture.title.lower()).strip("_")
+        for suffix, content in ((".png", picture.png), (".pdf", picture.pdf)):
+            with whole_file(folder / f"{name}{suffix}") as temporary:
+                temporary.write_bytes(content)
+    say(f"wrote {len(pictures)} figures as .pdf and .png to {folder}")
 
 
 def write_page(path: Path, title: str, sections: Sequence[str]) -> None:

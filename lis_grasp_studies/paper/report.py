@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from lis_grasp.io.json_lines import Row
 from lis_grasp.version import __version__
-from lis_grasp_studies.figures import CHART_CAPTIONS, FIGURES, charts, png_of
+from lis_grasp_studies.figures import CHART_CAPTIONS, FIGURES, charts
 from lis_grasp_studies.harness.page import Picture, write_page
 from lis_grasp_studies.harness.statistics import MeasureTable
 from lis_grasp_studies.paper import tables
@@ -87,7 +87,7 @@ def draw_pictures(
         *_charts_of_bands(rows),
     ]
     for k, (title, caption, draw) in enumerate(entries):
-        yield Picture(title, caption, png_of(draw()))
+        yield Picture.of(title, caption, draw())
         if progress is not None:
             progress(k + 1, len(entries))
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import trimesh
+from matplotlib.figure import Figure
 
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.io.json_lines import Row
@@ -14,7 +15,6 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.version import __version__
 from lis_grasp.visualization import Scene
 from lis_grasp.visualization.hand_layers import link_poses
-from lis_grasp_studies.figures import png_of
 from lis_grasp_studies.figures.palette import estimator_label
 from lis_grasp_studies.figures.static_scene import draw_still
 from lis_grasp_studies.figures.style import add_panel, foot_note, head_estimator, new_figure
@@ -50,7 +50,7 @@ def draw_cases(
             _write(folder / "cases" / f"{row['key']}.html", row, case)
         won = winner["estimator"] != reference
         best = (winner if won else loser)["estimator"]
-        yield Picture(
+        yield Picture.of(
             f"The clearest {'win' if won else 'loss'} of {estimator_label(best)}",
             f"{label(winner['object'])}, {winner['hand']}, {winner['touches']} touches, noise"
             f" {winner['noise']}, seed {winner['seed']}: both estimates and their contacts, the"
@@ -95,7 +95,7 @@ def _write(path: Path, row: Row, scene: dict[str, Any]) -> None:
     Scene(**content, title=f"lis_grasp: {row['object']}", summary=lines).save(path)
 
 
-def _picture(shown: Sequence[tuple[Row, dict[str, Any]]]) -> bytes:
+def _picture(shown: Sequence[tuple[Row, dict[str, Any]]]) -> Figure:
     figure = new_figure(4.4)
     for k, (row, scene) in enumerate(shown):
         axes = add_panel(figure, 0.02 + 0.49 * k, 0.1, 0.47, 0.8)
@@ -107,7 +107,7 @@ def _picture(shown: Sequence[tuple[Row, dict[str, Any]]]) -> bytes:
         draw_still(axes, estimate=plain, links=poses, **as_in_scene)
         head_estimator(axes, row["estimator"])
         foot_note(axes, _result(row))
-    return png_of(figure)
+    return figure
 
 
 def _result(row: Row) -> str:

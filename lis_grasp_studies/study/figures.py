@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from lis_grasp.io.json_lines import Row
-from lis_grasp_studies.figures import png_of
 from lis_grasp_studies.figures.palette import INK, QUIET, estimator_colour, estimator_label
 from lis_grasp_studies.figures.style import SMALL, add_panel, head, label_axes, new_figure
 from lis_grasp_studies.harness.page import Picture
@@ -32,26 +31,26 @@ def draw_pictures(rows: Sequence[Row]) -> Iterator[Picture]:
     """Draw the figures one after the other."""
     for noise in names(rows, "noise"):
         chosen = [row for row in rows if row["noise"] == noise]
-        yield Picture(
+        yield Picture.of(
             f"Held against touches, noise: {noise}",
             "Success rate: trials whose best grasp lifted the true object and held it through the"
             " shake; a trial without a grasp is not held. Bars are 95 % intervals for other seeds.",
-            png_of(held_against_touches(chosen)),
+            held_against_touches(chosen),
         )
-    yield Picture(
+    yield Picture.of(
         "Epsilon on the estimate and on the truth",
         "Epsilon of the best grasp of every trial: planned on the estimate, and where its fingers"
         " meet the true object. Below the dashed line the estimate was too optimistic. Filled:"
         " held; empty: not held.",
-        png_of(epsilon_against_truth(rows)),
+        epsilon_against_truth(rows),
     )
     if any(row["edge_rmsd"] is not None for row in rows):
-        yield Picture(
+        yield Picture.of(
             "Held against the error at edges",
             "Trials on objects with edges, of all estimators together and of each, in bins of equal"
             " numbers of trials by their error at edges (a point is at the bin's median); bars are"
             " 95 % intervals for other seeds. If edges matter to grasps, the line falls.",
-            png_of(held_against_edge_error(rows)),
+            held_against_edge_error(rows),
         )
 
 

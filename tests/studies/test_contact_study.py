@@ -132,11 +132,15 @@ def test_the_command_writes_tables_and_continues(
     assert main([*arguments, "--estimators", "gpis", "hermite_rbf"]) == 0
     results = tmp_path / "results.jsonl"
     first = results.read_text().splitlines()
+    arguments += ["--figures", str(tmp_path / "figures")]
     assert main([*arguments, "--estimators", "thin_plate", "gpis"]) == 0
     lines = results.read_text().splitlines()
     assert lines[: len(first)] == first  # finished rows stay, the others follow
     added = [json.loads(line) for line in lines[len(first) :]]
     assert {r["estimator"] for r in added} == {"thin_plate"}
+    figures = {path.name: path.read_bytes()[:4] for path in (tmp_path / "figures").iterdir()}
+    name = "errors_of_surfaces_by_family"
+    assert figures == {f"{name}.pdf": b"%PDF", f"{name}.png": b"\x89PNG"}
     page = (tmp_path / "surfaces.md").read_text()
     assert "lis-grasp surfaces --shapes development --families organic" in page
     with (tmp_path / "rows.csv").open() as file:

@@ -454,9 +454,9 @@ SLOW = (7, 8)  # seconds each
 @pytest.mark.parametrize(
     "number", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in FIGURES]
 )
-def test_every_figure_is_drawn_900_pixels_wide(number: int) -> None:
+def test_every_figure_is_as_wide_as_two_columns(number: int) -> None:
     figure = FIGURES[number]
-    assert _width(png_of(figure.draw(**SHORT.get(number, {})), dots_per_inch=100)) == 900
+    assert _width(png_of(figure.draw(**SHORT.get(number, {})), dots_per_inch=100)) == 716
     assert figure.title
     assert len(figure.caption) > 100
 
@@ -476,7 +476,7 @@ def test_figure_11_shows_all_six_objects_that_have_edges() -> None:
     figure = FIGURES[11].draw()
     scenes = [a for a in figure.axes if any(isinstance(c, PolyCollection) for c in a.collections)]
     assert len([a for a in scenes if not a.axison]) == 6 * 3
-    assert _width(png_of(figure)) == 1800
+    assert _width(png_of(figure)) == 1790
 
 
 def test_charts_have_captions_too() -> None:

@@ -115,7 +115,7 @@ def test_the_page_is_whole_and_loads_nothing(
         "estimator": "lis",
         "failure": "<b>no</b> surface",
     }
-    picture = Picture("Figure <1>", "A & B", b"\x89PNG")
+    picture = Picture("Figure <1>", "A & B", b"\x89PNG", b"%PDF")
     write_report(
         path, [*rows_of(), failed], [picture], command="lis-grasp paper", estimator="blend"
     )
