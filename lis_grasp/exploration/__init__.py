@@ -12,6 +12,7 @@ from lis_grasp.exploration.loop import (
     begin,
     choose,
     explore,
+    explore_steps,
 )
 from lis_grasp.exploration.policy import POLICIES, Policy, RegionPolicy, TargetPolicy
 from lis_grasp.exploration.pose_tracking import PoseTracker
@@ -64,6 +65,7 @@ __all__ = [
     "begin",
     "choose",
     "explore",
+    "explore_steps",
     "load_outcomes",
     "stop_after",
     "stop_when_certain",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import get_args
@@ -105,12 +105,18 @@ class ExplorationState(Record):
     #: poses (4, 4) of the object's new frames by the last outcome, each in the one before
     frames: tuple[FloatArray, ...] = ()
     duration: float = 0.0  #: of the probes [s]
+    ended: str = ""  #: why the exploration ended; empty before
     known: Contacts = field(init=False)  #: prior contacts, then those of the touches
 
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "known", self.prior.append(self.contacts))
+
+    @property
+    def result(self) -> Exploration:
+        """The exploration so far."""
+        return Exploration(self.contacts, self.outcomes, self.ended)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,7 +193,6 @@ def explore(
     rng: Seed = 0,
     recorded: Sequence[ProbeOutcome] = (),
     record: Callable[[ProbeOutcome], None] | None = None,
-    observe: Callable[[ExplorationState], None] | None = None,
 ) -> Exploration:
     """Explore an object by touch; the surface estimated so far guides every probe.
 
@@ -209,9 +214,26 @@ def explore(
     recorded
         Outcomes of an interrupted exploration, to resume.
     record
-        Called with every new outcome.
-    observe
-        Called with the state before the first probe, and after every probe.
+        Called with every new outcome, before the next estimate, which may take long.
+    """
+    steps = explore_steps(prober, setup, rng=rng, recorded=recorded)
+    state = next(steps)
+    for state in steps:
+        if record is not None and not state.ended:
+            record(state.outcomes[-1])
+    return state.result
+
+
+def explore_steps(
+    prober: Prober,
+    setup: ExplorationSetup,
+    *,
+    rng: Seed = 0,
+    recorded: Sequence[ProbeOutcome] = (),
+) -> Iterator[ExplorationState]:
+    """Explore as `explore` does; yield the state before the first probe, after each, and the end.
+
+    The last state is the one before it, with the reason for the end.
     """
     if setup.tracker is not None and not isinstance(prober, MovingProber):
         raise InvalidOptionError(
@@ -221,12 +243,12 @@ def explore(
     rng, state = np.random.default_rng(rng), begin(setup, recorded)
     rng.spawn(len(state.outcomes))  # the generators of the recorded probes
     while True:
-        if observe is not None:
-            observe(state)
+        yield state
         draws = rng.spawn(1)[0]
         chosen = choose(setup, state, rng=draws)
         if isinstance(chosen, str):
-            return Exploration(state.contacts, state.outcomes, chosen)
+            yield replace(state, ended=chosen)
+            return
         outcome = prober.probe(chosen.probe, chosen.obstacles)
         if setup.sensor is not None:
             outcome = setup.sensor.report(outcome, rng=draws)
@@ -234,8 +256,6 @@ def explore(
         if isinstance(prober, MovingProber):
             for X_EF in state.frames:
                 prober.move_frame(X_EF)
-        if record is not None:  # before the next estimate, which may take long
-            record(state.outcomes[-1])
 
 
 def begin(setup: ExplorationSetup, recorded: Sequence[ProbeOutcome] = ()) -> ExplorationState:

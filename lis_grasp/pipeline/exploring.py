@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -25,11 +25,12 @@ from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.surface_files import remove_growth, save_growth
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.meshing import extract_mesh
+from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.progress import SILENT, Progress, StageProgress
 from lis_grasp.pipeline.results_folder import LOG, remove_made_from, results_folder
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import Scenario
-from lis_grasp.pipeline.stages import make_prober, touch
+from lis_grasp.pipeline.stages import make_prober, touch_steps
 from lis_grasp.robots.shipped_models import HAND_REGISTRY, hand_path
 from lis_grasp.surfaces.carved_implicit_surface import above_table
 from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES
@@ -78,8 +79,8 @@ def explore_into(
             exploration = replace(replayed, ended=ending)
         else:
             prober = make_prober(scenario, recorded, arm_use)
-            watch = _Recorder(log, scenario, header, stage, recorded)
-            exploration = touch(scenario, prober=prober, recorded=recorded, watch=watch)
+            steps = touch_steps(scenario, prober, recorded)
+            exploration = _watched(steps, log, known, header, stage).result
             log.end(exploration.ended)
         stage.result = exploration.summary()
     contacts = exploration.contacts
@@ -145,44 +146,34 @@ def growth_counts(contacts: int) -> list[int]:
     return sorted(count for count in counts if count < contacts)
 
 
-class _Recorder:
-    """Watch that writes the log and some intermediate estimates, and reports the progress."""
-
-    def __init__(
-        self,
-        log: TouchLog,
-        scenario: Scenario,
-        header: str,
-        stage: StageProgress,
-        recorded: Sequence[ProbeOutcome],
-    ) -> None:
-        self._log, self._known, self._header, self._stage = log, scenario.known, header, stage
-        self._counts = growth_counts(scenario.known.touches)
-        earlier = recorded[:-1]
-        replayed = Exploration.replay(earlier, touches=scenario.known.touches)
-        self._last, self._losses = len(replayed.contacts), sum(o.lost for o in earlier)
-
-    def record(self, outcome: ProbeOutcome) -> None:
-        """Append an outcome to the log."""
-        self._log.append(outcome)
-
-    def observe(self, state: ExplorationState) -> None:
-        """Report the progress, and keep the estimate at some numbers of contacts."""
-        known, contacts = self._known, len(state.contacts)
-        losses = sum(outcome.lost for outcome in state.outcomes)
-        if losses > self._losses:
-            self._losses = losses
-            self._stage.note("lost the object, starting again")
-        self._stage.count(contacts, known.touches)
-        if state.surface is None or not state.is_new:
-            return
-        # One touch can make several contacts and so pass a count.
-        before, self._last = self._last, contacts
-        if contacts < known.touches and any(before < count <= contacts for count in self._counts):
-            with suppress(EstimationError, InvalidMeshError):  # too few contacts for a surface
-                cell = float(np.ptp(state.surface.bounds, axis=0).max()) / _CELLS
-                mesh = extract_mesh(above_table(state.surface, known.table), resolution=cell)
-                save_growth(self._log.path.parent, contacts, mesh, self._header)
+def _watched(
+    steps: Iterator[ExplorationState],
+    log: TouchLog,
+    known: Known,
+    header: str,
+    stage: StageProgress,
+) -> ExplorationState:
+    """Write the log and some intermediate estimates, report the progress, and return the end."""
+    state = next(steps)  # after the recorded outcomes, the last of which may lack its estimate
+    kept = len(Exploration.replay(state.outcomes[:-1], touches=known.touches).contacts)
+    counts = growth_counts(known.touches)
+    while not state.ended:
+        contacts = len(state.contacts)
+        if state.outcomes and state.outcomes[-1].lost:
+            stage.note("lost the object, starting again")
+        stage.count(contacts, known.touches)
+        if state.surface is not None and state.is_new:
+            # One touch can make several contacts and so pass a count.
+            if contacts < known.touches and any(kept < count <= contacts for count in counts):
+                with suppress(EstimationError, InvalidMeshError):  # too few for a surface
+                    cell = float(np.ptp(state.surface.bounds, axis=0).max()) / _CELLS
+                    mesh = extract_mesh(above_table(state.surface, known.table), resolution=cell)
+                    save_growth(log.path.parent, contacts, mesh, header)
+            kept = contacts
+        state = next(steps)
+        if not state.ended:
+            log.append(state.outcomes[-1])
+    return state
 
 
 # ---- what decides whether an exploration is resumed -----------------------------------------

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 import trimesh
@@ -29,7 +29,7 @@ from lis_grasp.exploration import (
     TactileSensor,
     TargetPolicy,
     Workspace,
-    explore,
+    explore_steps,
     stop_after,
     stop_when_certain,
     stop_when_covered,
@@ -142,22 +142,8 @@ def plan(known: Known, mesh: trimesh.Trimesh, *, candidates: int = CANDIDATES) -
     return sampler.sample(mesh, rng=rng, support_height=known.support, count=known.grasps)
 
 
-class Watch(Protocol):
-    """Observer of an exploration."""
-
-    def record(self, outcome: ProbeOutcome) -> None:
-        """Take every new outcome, before it is used."""
-
-    def observe(self, state: ExplorationState) -> None:
-        """Take every state, the first too."""
-
-
 def touch(
-    scenario: Scenario,
-    *,
-    prober: Prober | None = None,
-    recorded: Sequence[ProbeOutcome] = (),
-    watch: Watch | None = None,
+    scenario: Scenario, *, prober: Prober | None = None, recorded: Sequence[ProbeOutcome] = ()
 ) -> Exploration:
     """Explore the object of a scenario by touch.
 
@@ -172,8 +158,6 @@ def touch(
         Carries out the probes; None for the configured one.
     recorded
         Outcomes to resume: those of the same exploration, interrupted or for fewer touches.
-    watch
-        Observer of the exploration; None for none.
 
     Examples
     --------
@@ -181,21 +165,19 @@ def touch(
     >>> len(pipeline.touch(pipeline.Scenario.from_config(config)).contacts)
     3
     """
-    known = scenario.known
     prober = make_prober(scenario, recorded) if prober is None else prober
+    return deque(touch_steps(scenario, prober, recorded), maxlen=1).pop().result
+
+
+def touch_steps(
+    scenario: Scenario, prober: Prober, recorded: Sequence[ProbeOutcome] = ()
+) -> Iterator[ExplorationState]:
+    """Explore as `touch` does, step by step, as of `explore_steps`."""
+    known = scenario.known
     setup = replace(
-        exploration_setup(known),
-        stop=stop_rules(known),
-        tracker=make_tracker(scenario, prober),
+        exploration_setup(known), stop=stop_rules(known), tracker=make_tracker(scenario, prober)
     )
-    return explore(
-        prober,
-        setup,
-        rng=exploration_rng(known),
-        recorded=recorded,
-        record=None if watch is None else watch.record,
-        observe=None if watch is None else watch.observe,
-    )
+    return explore_steps(prober, setup, rng=exploration_rng(known), recorded=recorded)
 
 
 def exploration_setup(known: Known) -> ExplorationSetup:

@@ -28,6 +28,7 @@ from lis_grasp.exploration import (
     begin,
     choose,
     explore,
+    explore_steps,
 )
 from lis_grasp.exploration.targets import Targets, _tried
 from lis_grasp.exploration.workspace import sample_zero_level_set
@@ -283,18 +284,15 @@ def test_the_policy_gets_all_contacts_and_outcomes() -> None:
     assert script.seen == [(0, True, 0), (0, True, 1), (1, False, 2), (2, False, 3)]
 
 
-def test_the_state_is_observed_at_first_and_after_every_probe() -> None:
-    counts: list[int] = []
-    script = Scripted([Contacts.empty(), touch_at(0.0), touch_at(0.1)])
-    run(script, 2, observe=lambda state: counts.append(len(state.contacts)))
-    assert counts == [0, 0, 1, 2]
-
-
-def test_every_new_estimate_is_observed_once() -> None:
-    seen: list[int] = []
+def test_the_steps_are_the_first_state_one_for_each_probe_and_the_end() -> None:
     script = Scripted([touch_at(0.0), Contacts.empty(), touch_at(0.0001), touch_at(0.1, 0.2)])
-    run(script, 3, observe=lambda state: seen.extend([len(state.contacts)] * state.is_new))
-    assert seen == [1, 3]
+    setup = ExplorationSetup(script, lambda contacts: Ball(1.0), 3)
+    states = list(explore_steps(script, setup))
+    assert [len(state.contacts) for state in states] == [0, 1, 1, 1, 3, 3]
+    assert [len(state.contacts) for state in states[:-1] if state.is_new] == [1, 3]
+    assert [state.ended for state in states] == [*[""] * 5, "3 contacts made"]
+    resumed = list(explore_steps(script, setup, recorded=states[2].outcomes))
+    assert len(resumed[0].outcomes) == 2
 
 
 def test_an_exploration_without_touches_is_refused() -> None:

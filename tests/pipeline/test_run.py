@@ -7,6 +7,7 @@ from numpy.testing import assert_array_equal
 
 from lis_grasp import pipeline, shapes
 from lis_grasp.exceptions import EstimationError, InvalidFileError
+from lis_grasp.exploration import ExplorationState
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline import Run, RunConfig
 from lis_grasp.pipeline.conditions import UNKNOWN
@@ -90,13 +91,7 @@ def test_a_folder_without_results_is_refused(tmp_path) -> None:
 
 
 def test_a_run_without_a_contact_is_an_error(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lis_grasp.pipeline.exploring.touch", lambda *_, **__: nothing())
+    steps = iter([ExplorationState(), ExplorationState(ended="nothing to touch")])
+    monkeypatch.setattr("lis_grasp.pipeline.exploring.touch_steps", lambda *_: steps)
     with pytest.raises(EstimationError, match="no contact"):
         pipeline.run(RunConfig(prober="kinematic", touches=2), tmp_path)
-
-
-def nothing():
-    from lis_grasp import Contacts
-    from lis_grasp.exploration import Exploration
-
-    return Exploration(Contacts.empty(), (), "nothing to touch")
