@@ -355,7 +355,7 @@ def ply_text(properties: str, row: str, *, comment: str = "none") -> str:
             "PLY",
         ),
         ("a.ply", ply_text("x y z", "1 2 3"), "lacks nx, ny, nz;"),
-        ("a.ply", ply_text("x nx ny nz", "1 2 3 4"), "lacks y, z: it must name"),
+        ("a.ply", ply_text("x nx ny nz", "1 2 3 4"), "lacks y, z, and has x, nx"),
         (
             "a.ply",
             "ply\nformat ascii 1.0\nelement face 0\nproperty list uchar int i\nend_header\n",

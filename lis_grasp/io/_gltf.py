@@ -75,9 +75,12 @@ def _gltf_header(path: Path) -> Any:
         if path.suffix.lower() == ".gltf":
             require_file_size(path, _MOST_TEXT)
             return json.load(file)
-        magic, _, _, length, kind = _GLB.unpack(file.read(_GLB.size))
+        start = file.read(_GLB.size)
+        magic, _, size, length, kind = _GLB.unpack(start.ljust(_GLB.size, b"\0"))
         if magic != b"glTF" or kind != b"JSON":
             raise ValueError("it has no header of GLB 2")
+        if size > path.stat().st_size:
+            raise ValueError(f"it announces {size} bytes, and has {path.stat().st_size}")
         return json.loads(file.read(min(length, _MOST_TEXT)))
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
-from defusedxml import ElementTree
+from defusedxml import DefusedXmlException, ElementTree
 
 from lis_grasp.geometry import apply_pose, make_pose
 from lis_grasp.io._polygons import triangulate
@@ -48,15 +48,17 @@ def read_3mf(path: Path) -> tuple[FloatArray, IntArray, Stated]:
     """
     with path.open("rb") as file, zipfile.ZipFile(file) as archive:
         require_small_archive(archive.infolist())
-        links = ElementTree.fromstring(archive.read("_rels/.rels"))
-        start = next(r.get("Target") for r in links if r.get("Type", "").endswith("/3dmodel"))
+        if "_rels/.rels" not in archive.namelist():
+            raise ValueError("it is an archive without a model")
+        links = _parsed(archive.read("_rels/.rels"))
+        start = next(r.attrib["Target"] for r in links if r.get("Type", "").endswith("/3dmodel"))
         models: dict[str, tuple[Element, dict[str, Element]]] = {}
 
         def model(name: str) -> tuple[Element, dict[str, Element]]:
             name = name.lstrip("/")
             if name not in models:
                 text = archive.read(name)
-                root = ElementTree.fromstring(text)
+                root = _parsed(text)
                 _require_read(root, text)
                 objects = {each.get("id", ""): each for each in root.iter() if _is(each, "object")}
                 models[name] = root, objects
@@ -84,6 +86,20 @@ def read_3mf(path: Path) -> tuple[FloatArray, IntArray, Stated]:
     faces = [f + start for (_, f), start in zip(placed, starts[:-1], strict=True)]
     stated = Stated(_UNITS_3MF[root.get("unit", "millimeter")], "z")
     return np.concatenate([v for v, _ in placed]), np.concatenate(faces), stated
+
+
+def _parsed(text: bytes) -> Element:
+    """Return the root of an XML text; ValueError if it declares entities."""
+    try:
+        root: Element = ElementTree.fromstring(text)
+    except DefusedXmlException:
+        raise ValueError("it declares entities, which are not read") from None
+    return root
+
+
+def _space(root: Element) -> str:
+    """Return the namespace of an element, in braces."""
+    return str(root.tag).rpartition("}")[0] + "}" if "}" in str(root.tag) else ""
 
 
 def _is(element: Element, name: str) -> bool:
@@ -123,8 +139,10 @@ def plain_dae(content: bytes) -> tuple[bytes, Stated]:
 
     Raises ValueError if it has polygons with holes, or whose outline crosses itself.
     """
-    root = ElementTree.fromstring(content)
-    space = str(root.tag).rpartition("}")[0] + "}" if "}" in str(root.tag) else ""
+    root = _parsed(content)
+    if root.find(f"{_space(root)}scene") is None:
+        raise ValueError("it has no scene")
+    space = _space(root)
     unit, up = root.find(f"{space}asset/{space}unit"), root.find(f"{space}asset/{space}up_axis")
     metres = None if unit is None else float(unit.get("meter", "1"))
     axis = (up.text or "").strip()[:1].lower() if up is not None else None

@@ -16,6 +16,7 @@ Triangles = tuple[FloatArray, IntArray]
 
 # Of OBJ: a face of more than three corners, a relative index, a line that goes on in the next.
 _OBJ_ODD = re.compile(rb"^[ \t]*f(?:[ \t]+\S+){4}|^[ \t]*f[^\n]*-\d|\\[ \t]*\r?$", re.MULTILINE)
+_INTEGER = re.compile(r"[-+]?\d{1,18}")
 _OFF_START = re.compile(r"(?:ST)?C?N?OFF\b", re.IGNORECASE)
 _STL_NAME = re.compile(rb"^[ \t]*(?:end)?solid\b[^\r\n]*", re.IGNORECASE | re.MULTILINE)
 _STL_VERTEX = re.compile(rb"\bvertex\s+(\S{1,40})\s+(\S{1,40})\s+(\S{1,40})(?!\S)", re.IGNORECASE)
@@ -57,11 +58,13 @@ def _absolute(corner: str, counts: dict[str, int]) -> str:
     """Return a corner v/vt/vn with indices from the start of the file."""
     indices = []
     for name, text in zip(counts, corner.split("/"), strict=False):
+        if text and not _INTEGER.fullmatch(text):
+            raise ValueError(f"a face has the corner {corner}, which is no index")
         index = int(text) if text else 0
         if index < 0:
             index += counts[name] + 1
             if index <= 0:
-                raise ValueError(f"the face corner {corner} names a line before the first {name}")
+                raise ValueError(f"the face corner {corner} counts back beyond the first {name}")
         indices.append(str(index) if text else "")
     return "/".join(indices)
 
@@ -92,6 +95,8 @@ def read_off(path: Path) -> tuple[FloatArray, list[list[int]]]:
     for polygon, row in zip(polygons, faces, strict=True):
         if len(polygon) != int(row[0]):
             raise ValueError(f"a face announces {row[0]} corners and has {len(polygon)}")
+    if any(len(row) < 3 for row in vertices):
+        raise ValueError("a vertex has fewer than three numbers")
     return np.array([row[:3] for row in vertices], np.float64).reshape(-1, 3), polygons
 
 
@@ -125,6 +130,8 @@ def read_ply_polygons(path: Path) -> Triangles:
     elements = {element.name: element.data for element in read_ply(path).elements}
     if "tristrips" in elements and "face" not in elements:
         raise ValueError("it has triangle strips and no faces: write it with faces")
+    if "vertex" not in elements:
+        raise ValueError("it has no vertices")
     vertex, face = elements["vertex"], elements.get("face")
     names = ("vertex_indices", "vertex_index")
     name = next((n for n in names if face is not None and n in face.dtype.names), None)

@@ -65,6 +65,12 @@ def known_columns(path: Path, names: Iterable[str]) -> dict[str, Column]:
             raise InvalidFileError(message, path=path)
         else:
             found[text] = column
+    if not {*POINT} & found.keys():
+        raise InvalidFileError(
+            f"{path} must have columns x,y,z, and nx,ny,nz of normals; it has"
+            f" {', '.join(filter(None, unused)) or 'none of them'}",
+            path=path,
+        )
     if unused:
         note(f"{path}: columns that are not used: {', '.join(unused)}")
     return found
@@ -84,8 +90,7 @@ def table(path: Path, columns: Mapping[str, Any], names: Sequence[str]) -> npt.N
     missing = [name for name in names if name not in columns]
     if missing:
         raise InvalidFileError(
-            f"{path} lacks {', '.join(missing)}: it must name its columns, such as x,y,z,nx,ny,nz"
-            " in the first row of a CSV file",
+            f"{path} lacks {', '.join(missing)}, and has {', '.join(columns)}: add what is missing",
             path=path,
         )
     return np.column_stack([np.asarray(columns[name], dtype=np.float64) for name in names])

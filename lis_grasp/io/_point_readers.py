@@ -12,13 +12,11 @@ import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidFileError, note
 from lis_grasp.io._point_columns import NORMAL, POINT
-from lis_grasp.io.csv_tables import cell_number, text_of, uncommented
+from lis_grasp.io.csv_tables import DECIMAL_COMMA, cell_number, text_of, uncommented
 from lis_grasp.io.limits import MEBIBYTE, MOST_UNPACKED, announced_array, array_names, read_arrays
 
 Columns = dict[str, npt.NDArray[Any]]
 
-# A cell with a decimal comma, where blanks separate.
-_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 # Columns without names are normals if their lengths are within this of 1.
 _UNIT_TOLERANCE = 1e-2
 _SIDES = {"points": POINT, "normals": NORMAL, "approach": ("ax", "ay", "az")}
@@ -43,7 +41,7 @@ def read_rows(path: Path) -> Columns:
             message = f"{path} announces {count} points, and has {len(lines)} rows"
             raise InvalidFileError(message, path=path)
     by_comma = bool(lines) and "," in lines[0]
-    if by_comma and all(map(_DECIMAL_COMMA.fullmatch, lines[0].split()[:3])):
+    if by_comma and all(map(DECIMAL_COMMA.fullmatch, lines[0].split()[:3])):
         by_comma = False
     return positional(path, [line.split("," if by_comma else None) for line in lines])
 
@@ -91,6 +89,12 @@ def read_npz(path: Path) -> Columns:
     for name, array in zip(names, read_arrays(path, names), strict=True):
         meaning = _NAMES.get(name.lower(), name.lower())
         columns |= _named(path, meaning, array)
+    if "x" not in columns:
+        raise InvalidFileError(
+            f"{path} must have an array points of shape (N, 3); it has"
+            f" {', '.join(names) or 'none'}",
+            path=path,
+        )
     return columns
 
 
@@ -126,6 +130,8 @@ def read_pcd(path: Path) -> Columns:
     head = {words[0]: words[1:] for line in lines if (words := line.split())}
     names, sizes, kinds = head["FIELDS"], map(int, head["SIZE"]), head["TYPE"]
     counts = [int(count) for count in head.get("COUNT", ["1"] * len(names))]
+    if not len(names) == len(head["SIZE"]) == len(kinds) == len(counts):
+        raise ValueError("its FIELDS, SIZE, TYPE and COUNT are not equally many")
     formats = [f"<{kind.lower()}{size}" for kind, size in zip(kinds, sizes, strict=True)]
     unique = [f"{name}.{number}" for number, name in enumerate(names)]
     row = np.dtype([(n, f, (c,)) for n, f, c in zip(unique, formats, counts, strict=True)])
@@ -151,7 +157,10 @@ def read_pcd(path: Path) -> Columns:
                 columns.append(np.frombuffer(body, form, points * count, at).reshape(points, -1))
                 at += columns[-1].nbytes
         case other:
-            raise ValueError(f"its data are {other.decode('ascii', 'replace')!r}")
+            raise ValueError(
+                "its DATA must be ascii, binary or binary_compressed; they are"
+                f" {other.decode('ascii', 'replace')}"
+            )
     # Fields of several numbers are descriptors, and _ is padding.
     scalars = zip(names, columns, counts, strict=True)
     return {n: values[:, 0] for n, values, count in scalars if count == 1 and n != "_"}

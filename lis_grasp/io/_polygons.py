@@ -59,8 +59,8 @@ def _cut(corners: FloatArray, normal: FloatArray) -> IntArray:
     covered = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]).sum()
     if not abs(covered - np.linalg.norm(normal)) <= 1e3 * _ROUNDING * covered:
         raise ValueError(
-            f"the outline of a face with {len(corners)} corners crosses itself: triangulate it in"
-            " the program that made it"
+            f"the outline of a face with {len(corners)} corners crosses itself, so that no"
+            " triangles cover it"
         )
     return triangles
 

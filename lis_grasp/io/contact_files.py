@@ -38,6 +38,7 @@ from lis_grasp.io._point_columns import (
 )
 from lis_grasp.io._point_readers import positional, read_npy, read_npz, read_pcd, read_rows
 from lis_grasp.io.atomic_writing import write_bytes
+from lis_grasp.io.content_kinds import named_by_content
 from lis_grasp.io.csv_tables import cell_number, read_table, text_of, uncommented
 from lis_grasp.io.limits import reading
 from lis_grasp.typing import FloatArray
@@ -75,6 +76,11 @@ def read_point_file(path: Path) -> dict[str, Any]:
     InvalidFileError
         If the file is missing, of another format, damaged, or lacks points.
     """
+    with named_by_content(path):
+        return _read_fields(path)
+
+
+def _read_fields(path: Path) -> dict[str, Any]:
     match path.suffix.lower():
         case ".ply":
             return _load_ply(path)
@@ -86,7 +92,7 @@ def read_point_file(path: Path) -> dict[str, Any]:
                 f" points as columns x,y,z of a .csv; `lis-grasp grasp {path}` plans on a mesh",
                 path=path,
             )
-        case ".txt" if _has_names(path):
+        case ending if ending in _TEXTS and _has_names(path):
             return _load_csv(path)
         case ending:
             with reading(path, f"{ending[1:].upper()}", advice="write columns x,y,z as .csv"):
@@ -178,11 +184,14 @@ def _of_columns(path: Path, columns: Mapping[str, npt.NDArray[Any]]) -> dict[str
 
 
 def _has_names(path: Path) -> bool:
-    """Return whether a text begins with a row or a comment that names columns."""
-    with reading(path, "TXT"):
+    """Return whether a text begins with a row or a comment that names all of its columns."""
+    with reading(path, "text"):
         comments, lines = uncommented(text_of(path, ascii_only=True))
-    words = re.split(r"[\s,;#]+", " ".join([*comments[-1:], *lines[:1]]).lower())
-    return {"x", "y", "z"} <= set(words)
+    heads = [
+        re.split(r"[\s,;]+", head.strip("#/ \t").lower()) for head in (*lines[:1], *comments[-1:])
+    ]
+    width = len(heads[0]) if heads else 0
+    return any(set("xyz") <= set(head) and len(head) == width for head in heads)
 
 
 def _vertices_of_off(path: Path) -> dict[str, npt.NDArray[Any]]:

@@ -21,7 +21,8 @@ SECONDS: Mapping[str, float] = MappingProxyType({"s": 1.0, "ms": 1e-3, "us": 1e-
 
 # x [mm], x (mm), time_ns
 _UNIT = re.compile(r"(.+?)(?:\s*[\[(]\s*([a-z]+)\s*[\])]|_(mm|cm|inch|ms|us|ns))")
-_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(e[-+]?\d+)?", re.IGNORECASE)
+DECIMAL_COMMA = re.compile(r"[-+]?[\d.]*,\d+(e[-+]?\d+)?", re.IGNORECASE)
+"""A number with a decimal comma."""
 
 
 def without_unit(name: str) -> tuple[str, str]:
@@ -115,7 +116,7 @@ def cell_number(path: Path, cell: str, row: int, name: str) -> float:
         return float(cell or "nan")
     except ValueError:
         message = f"{path}: row {row} has '{cell}' for {name}, where a number is needed"
-        if _DECIMAL_COMMA.fullmatch(cell):
+        if DECIMAL_COMMA.fullmatch(cell):
             message += " (this is a decimal comma): write numbers with a decimal point"
         raise InvalidFileError(message, path=path) from None
 

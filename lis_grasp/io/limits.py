@@ -134,11 +134,16 @@ def announced_array(path: Path) -> None:
 
 def _require_announced_array(packed: IO[bytes], size: int) -> None:
     """Raise ValueError for an array that announces more than its file of `size` bytes has."""
-    version = np.lib.format.read_magic(packed)
+    try:
+        version = np.lib.format.read_magic(packed)
+    except ValueError:
+        raise ValueError("it is no array of NumPy") from None
     if version not in _ARRAY_HEADERS:
         raise ValueError(f"an array has the unknown format {version}")
     shape, _, dtype = _ARRAY_HEADERS[version](packed)
-    if dtype.hasobject or math.prod(shape) * max(dtype.itemsize, 1) > size:
+    if dtype.hasobject:
+        raise ValueError("an array has Python objects, which are not read")
+    if math.prod(shape) * max(dtype.itemsize, 1) > size:
         raise ValueError("an array announces more than it has")
 
 

@@ -22,7 +22,7 @@ from lis_grasp.io._gltf import require_readable_gltf
 from lis_grasp.io._mesh_archives import Stated, plain_dae, read_3mf
 from lis_grasp.io._mesh_text import plain_obj, read_off, read_ply_polygons, read_stl
 from lis_grasp.io._polygons import as_triangles
-from lis_grasp.io.content_kinds import kind_of
+from lis_grasp.io.content_kinds import named_by_content
 from lis_grasp.io.limits import MEBIBYTE, announced_rows, reading
 from lis_grasp.typing import FloatArray, IntArray
 
@@ -92,29 +92,18 @@ def read_mesh(
         raise InvalidFileError(_other_format(path, formats), path=path)
     if not os.path.isfile(path):
         raise InvalidFileError(f"{path} is missing, or is no file: check the path", path=path)
-    try:
-        with reading(path, ending[1:].upper(), most=_MOST_BYTES, advice="export it again"):
-            if not path.stat().st_size:
-                raise ValueError("it is empty")
-            with warnings.catch_warnings():
-                # Warnings about textures and colours do not matter here.
-                warnings.simplefilter("ignore")
-                mesh, stated = _read(path, ending, merge, materials)
-            for array in (mesh.vertices, mesh.faces):
-                if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
-                    raise ValueError("its rows are not of three numbers")
-            return MeshFile(mesh, *stated)
-    except InvalidFileError:
-        require_kind(path)
-        raise
-
-
-def require_kind(path: Path) -> None:
-    """Raise `InvalidFileError` for a file that is of another known kind than its name says."""
-    ending = path.suffix.lower()
-    kind = kind_of(path, ending)
-    if kind and not (ending == ".3mf" and "ZIP" in kind):
-        raise InvalidFileError(f"{path} must be {ending[1:].upper()}; it is {kind}", path=path)
+    kind, most = ending[1:].upper(), _MOST_BYTES
+    with named_by_content(path), reading(path, kind, most=most, advice="export it again"):
+        if not path.stat().st_size:
+            raise ValueError("it is empty")
+        with warnings.catch_warnings():
+            # Warnings about textures and colours do not matter here.
+            warnings.simplefilter("ignore")
+            mesh, stated = _read(path, ending, merge, materials)
+        for array in (mesh.vertices, mesh.faces):
+            if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
+                raise ValueError("its rows are not of three numbers")
+        return MeshFile(mesh, *stated)
 
 
 def _read(path: Path, ending: str, merge: bool, materials: bool) -> tuple[trimesh.Trimesh, Stated]:
@@ -131,7 +120,10 @@ def _read(path: Path, ending: str, merge: bool, materials: bool) -> tuple[trimes
             return _read_ply(path, merge, materials), Stated()
         case ".obj":
             content = plain_obj(path.read_bytes())
-            return _load(path, content, merge, materials), Stated()
+            try:
+                return _load(path, content, merge, materials), Stated()
+            except IndexError:
+                raise ValueError("a face names a vertex, or a normal, that it lacks") from None
         case ".dae":
             content, stated = plain_dae(path.read_bytes())
             return _load(path, content, merge, materials), stated
@@ -173,6 +165,10 @@ def _load(path: Path, content: bytes | None, merge: bool, materials: bool) -> tr
 def _other_format(path: Path, formats: Sequence[str]) -> str:
     ending = path.suffix.lower()
     programs = [name for name, endings in _CONVERTERS.items() if ending in endings]
-    advice = f"export it as STL or 3MF from {programs[0]}" if programs else "convert it"
+    advice = (
+        f"export it as STL or 3MF from {programs[0]}"
+        if programs
+        else "convert a mesh to one of these"
+    )
     advice = "unpack it" if ending in _PACKED else advice
     return f"{path} must end in one of {', '.join(formats)}: {advice}"

@@ -92,7 +92,7 @@ def no_faces_error(path: Path) -> InvalidFileError:
     """Return the error of a file without faces where a mesh is needed."""
     advice = "export it again"
     if path.suffix.lower() in POINT_FORMATS:
-        advice = f"`lis-grasp estimate {path}` makes a surface from a file of points"
+        advice = f"if it has points, `lis-grasp estimate {path}` makes a surface from them"
     return InvalidFileError(f"{path} has no faces, and a mesh is needed: {advice}", path=path)
 
 

@@ -15,7 +15,8 @@ from lis_grasp.exceptions import (
     nearest_of,
 )
 from lis_grasp.io.contact_files import POINT_FORMATS
-from lis_grasp.io.mesh_files import TO_Z_UP, MeshFile, read_mesh, require_kind
+from lis_grasp.io.content_kinds import require_kind
+from lis_grasp.io.mesh_files import TO_Z_UP, MeshFile, read_mesh
 from lis_grasp.io.surface_files import no_faces_error
 from lis_grasp.io.units import LARGEST, SMALLEST, UNITS, chosen_unit, unit_name
 from lis_grasp.shapes._repair import repair_mesh
