@@ -77,6 +77,7 @@ CHECKS: dict[str, Callable[[Path], None]] = {
     "own_policy": _check_policy,
     "robot_in_the_loop": _check_loop,
     "explore_to_lift": _check_lift,
+    "own_diagram": _check_policy,
     "compare_estimators": _check_comparison,
 }
 

@@ -164,6 +164,12 @@ class HapticExplorer(LeafSystem):
             self._mover = FreeMover(hand.hand, planner, X_WE, start, probe_speed)
         self._declare(0 if station is None else len(station.arm.joint_names), period)
 
+    def ended(self, root: Context) -> EventStatus:
+        """End a simulation when the exploration is done: for ``simulator.set_monitor``."""
+        if _progress(self.GetMyContextFromRoot(root)).phase == "done":
+            return EventStatus.ReachedTermination(self, "the exploration is done")
+        return EventStatus.DidNothing()
+
     def _declare(self, arm_joints: int, period: float) -> None:
         """Declare ports, state and update."""
         empty = Contacts.empty()

@@ -8,13 +8,7 @@ from typing import Any
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialForce, SpatialVelocity
-from pydrake.multibody.plant import (
-    AddMultibodyPlant,
-    ExternallyAppliedSpatialForce,
-    MultibodyPlantConfig,
-)
-from pydrake.multibody.tree import RigidBody
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem
 from pydrake.trajectories import PiecewisePose
@@ -29,34 +23,6 @@ from lis_grasp.drake import (
 )
 from lis_grasp.exploration import Workspace
 from lis_grasp.simulation.drake.object_plant import add_table
-
-STIFFNESS, DAMPING = np.array([20.0] * 3 + [2000.0] * 3), np.array([0.6] * 3 + [100.0] * 3)
-
-
-class PdWrist(LeafSystem):
-    """Pulls a floating body to a desired pose."""
-
-    def __init__(self, body: RigidBody) -> None:
-        super().__init__()
-        self._index = body.index()
-        make = AbstractValue.Make
-        self.DeclareAbstractInputPort("X_WG", make(RigidTransform()))
-        self.DeclareAbstractInputPort("body_poses", make([RigidTransform()]))
-        self.DeclareAbstractInputPort("body_spatial_velocities", make([SpatialVelocity()]))
-        self.DeclareAbstractOutputPort(
-            "forces", lambda: make([ExternallyAppliedSpatialForce()]), self._pull
-        )
-
-    def _pull(self, context: Context, output: Any) -> None:
-        goal, poses, velocities = (self.get_input_port(i).Eval(context) for i in range(3))
-        X, V = poses[self._index], velocities[self._index]
-        turn = (goal.rotation() @ X.rotation().inverse()).ToAngleAxis()
-        error = np.append(turn.angle() * turn.axis(), goal.translation() - X.translation())
-        pull = STIFFNESS * error - DAMPING * np.append(V.rotational(), V.translational())
-        force = ExternallyAppliedSpatialForce()
-        force.body_index = self._index
-        force.F_Bq_W = SpatialForce(tau=pull[:3], f=pull[3:])
-        output.set_value([force])
 
 
 class GraspAndLift(LeafSystem):
@@ -178,14 +144,12 @@ class OwnDiagram:
         home = X_WE @ RigidTransform([0.0, 0.0, 0.5]) @ RigidTransform(np.diag([1.0, -1, -1, 1]))
         self.home = home
         self.explorer = HapticExplorer(hand, self.space, X_WE=X_WE, home=home, **self.explorer)
-        self.wrist = PdWrist(hand.base)
-        for system in (self.sensor, self.estimator, self.planner, self.explorer, self.wrist):
+        self.wrist = hand.add_wrist(builder)
+        for system in (self.sensor, self.estimator, self.planner, self.explorer):
             builder.AddSystem(system)
         connect = builder.Connect
         for name in ("contact_results", "body_poses"):
             connect(plant.GetOutputPort(name), self.sensor.GetInputPort(name))
-        for name in ("body_poses", "body_spatial_velocities"):
-            connect(plant.GetOutputPort(name), self.wrist.GetInputPort(name))
         connect(self.sensor.contacts, self.estimator.get_input_port())
         connect(self.sensor.contacts, self.explorer.GetInputPort("contacts"))
         for system in (self.explorer, self.planner):

@@ -11,13 +11,14 @@ from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint, ModelInstanceIndex, PdControllerGains, RigidBody
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, DiagramBuilder
 
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import by_joint_kind
 from lis_grasp.shapes.object_mass import USUAL_FRICTION
 from lis_grasp.simulation.drake.link_plant import LinksInPlant, add_links, add_skin
+from lis_grasp.simulation.drake.pd_wrist import PdWrist
 from lis_grasp.typing import FloatArray, IndexArray
 
 PROBING_SKIN = 1e6
@@ -85,6 +86,18 @@ class HandInPlant:
         for follower, joint in self.links.followers:
             joints[..., joint.index] += joint.multiplier * values[..., follower.velocity_start()]
         return joints
+
+    def add_wrist(self, builder: DiagramBuilder) -> PdWrist:
+        """Add a system that pulls the floating hand to a pose, and return it.
+
+        Connect its input ``X_WG``, and its output to the plant's ``applied_spatial_force``: of
+        several hands by an ``ExternallyAppliedSpatialForceMultiplexer``.
+        """
+        plant = self.base.GetParentPlant()
+        wrist: PdWrist = builder.AddSystem(PdWrist(self.base.index(), self.hand.mass))
+        for name in ("body_poses", "body_spatial_velocities"):
+            builder.Connect(plant.GetOutputPort(name), wrist.GetInputPort(name))
+        return wrist
 
     def X_WL(self, plant_context: Context, link: str) -> FloatArray:
         """Return the pose of a link, shape (4, 4)."""
