@@ -53,6 +53,9 @@ class Contacts(Record):
     normal_noise
         Shape (N,) [rad], one standard deviation of each component of each contact's normal
         perpendicular to it. NaN and None as of `position_noise`.
+    judged
+        Whether estimators believe all of them. Those that others contradict are turned or left out
+        otherwise, see `judge_contacts`. It is not part of files.
 
     Raises
     ------
@@ -82,6 +85,7 @@ class Contacts(Record):
     free_radii: FloatArray = field(default_factory=lambda: np.empty(0))
     position_noise: FloatArray | None = None
     normal_noise: FloatArray | None = None
+    judged: bool = False
 
     def __post_init__(self) -> None:
         points = _frozen_array("points", self.points, (None, 3))
@@ -187,6 +191,7 @@ class Contacts(Record):
             self.free_radii,
             None if self.position_noise is None else self.position_noise[chosen],
             None if self.normal_noise is None else self.normal_noise[chosen],
+            self.judged,
         )
 
     def in_frame(self, X_OF: npt.ArrayLike) -> Contacts:
@@ -220,6 +225,7 @@ class Contacts(Record):
             free_radii,
             _join_noise(self.position_noise, other.position_noise, len(self), len(other)),
             _join_noise(self.normal_noise, other.normal_noise, len(self), len(other)),
+            self.judged and other.judged,
         )
 
     @classmethod
@@ -264,7 +270,8 @@ class Contacts(Record):
         InvalidFileError
             If the path has another ending or cannot be written to.
         """
-        write_contact_file(fields_of(self), Path(path), header=header)
+        fields = {name: value for name, value in fields_of(self).items() if name != "judged"}
+        write_contact_file(fields, Path(path), header=header)
 
 
 def _join(first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:

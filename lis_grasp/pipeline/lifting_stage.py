@@ -19,7 +19,12 @@ from lis_grasp.shapes import Shape
 
 
 def require_simulator(simulator: str, shape: Shape) -> None:
-    """Raise `InvalidOptionError` if a package is missing that lifts in a simulator need."""
+    """Raise `InvalidOptionError` if a package is missing that lifts in a simulator need.
+
+    Examples
+    --------
+    >>> pipeline.require_simulator("drake", shapes.find("box"))
+    """
     if simulator == "mujoco":
         from lis_grasp.simulation.mujoco.convex_pieces import require_mujoco
 

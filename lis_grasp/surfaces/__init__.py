@@ -3,6 +3,7 @@
 from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import CarvedImplicitSurface, carved
 from lis_grasp.surfaces.contact_loading import load_contacts
+from lis_grasp.surfaces.contact_verdicts import ContactVerdicts, judge_contacts, orient_normals
 from lis_grasp.surfaces.estimators import ESTIMATORS, Estimator, estimate
 from lis_grasp.surfaces.gaussian_process_implicit_surface import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
@@ -14,6 +15,7 @@ __all__ = [
     "ESTIMATORS",
     "BlendedImplicitSurface",
     "CarvedImplicitSurface",
+    "ContactVerdicts",
     "Estimator",
     "GaussianProcessImplicitSurface",
     "ImplicitSurface",
@@ -22,7 +24,9 @@ __all__ = [
     "carved",
     "estimate",
     "estimate_normals",
+    "judge_contacts",
     "load_contacts",
+    "orient_normals",
 ]
 
 

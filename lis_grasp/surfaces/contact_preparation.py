@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from trimesh.graph import connected_component_labels
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import EstimationError
 from lis_grasp.geometry import unit
 from lis_grasp.surfaces._contact_noise import (
     filled,
@@ -18,6 +19,7 @@ from lis_grasp.surfaces._contact_noise import (
     noise_of_means,
     precisions_of,
 )
+from lis_grasp.surfaces._contradictions import FLIPPED, SOUND, find_contradictions
 from lis_grasp.surfaces.contact_places import (
     ContactPlaces,
     farthest_point_order,
@@ -31,6 +33,9 @@ from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 MOST_CONTACTS = 400
 """More contacts are thinned by default: the time of estimates grows with the cube of their number.
 """
+
+# More bad contacts than this fraction leave unknown what is true.
+_MOST_BAD = 0.25
 
 # Contacts this close (of the contacts' extent) whose normals agree this well are one contact.
 _SAME_PLACE = 1e-3
@@ -102,8 +107,9 @@ def prepare_contacts(
     Parameters
     ----------
     contacts
-        Measured on the object. Repeated ones become one (`merge_duplicates`). Prepared contacts are
-        returned as they are.
+        Measured on the object. Repeated ones become one (`merge_duplicates`). Those that the others
+        contradict are turned or left out, unless `Contacts.judged` (see `judge_contacts`). Prepared
+        contacts are returned as they are.
     position_noise, normal_noise
         One standard deviation along the normal [m] and of each component of the normal [rad], for
         contacts whose own noise is unknown. None estimates it from these contacts
@@ -117,14 +123,35 @@ def prepare_contacts(
         If there is no contact.
     InvalidOptionError
         If a noise is out of range.
+    EstimationError
+        If more than a quarter of the contacts is bad.
     """
     if isinstance(contacts, PreparedContacts):
         return contacts
     merged = merge_duplicates(contacts, position_noise, normal_noise)
     unknown = np.isnan(_noise(merged))
     position, normal = np.nan_to_num(_noise(with_noise(merged)))
+    if not contacts.judged:
+        codes, _ = find_contradictions(merged, position, normal)
+        if np.any(codes != SOUND):
+            credible = repaired(merged, codes)
+            return prepare_contacts(credible, position_noise, normal_noise, most=most)
     prepared = PreparedContacts(merged, position, normal, unknown)
     return prepared if most is None else prepared.thinned(most)
+
+
+def repaired(contacts: Contacts, codes: IndexArray) -> Contacts:
+    """Return contacts as `ContactVerdicts.credible`, by codes of their verdicts (N,)."""
+    bad = int(np.count_nonzero(codes != SOUND))
+    if bad > _MOST_BAD * len(contacts):
+        raise EstimationError(
+            f"{bad} of {len(contacts)} contacts contradict the others, too many to know which are"
+            " true: if the signs of normals are unknown, give --normals unsigned or the place of"
+            " the sensor, --viewpoint X Y Z; if all contacts are right, --keep-all believes them"
+        )
+    signs = np.where(codes == FLIPPED, -1.0, 1.0)[:, None]
+    turned = replace(contacts, normals=signs * contacts.normals, judged=True)
+    return turned if not bad else turned.subset((codes == SOUND) | (codes == FLIPPED))
 
 
 def with_noise(

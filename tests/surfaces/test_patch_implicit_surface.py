@@ -321,7 +321,7 @@ def contradicting_touches(places: int, each: int) -> Contacts:
     rng = np.random.default_rng(0)
     grid = np.stack(np.meshgrid(*[0.025 * np.arange(places)] * 3), axis=-1).reshape(-1, 3)
     normals = random_directions(each * len(grid), rng)
-    return Contacts(np.repeat(grid, each, axis=0), normals)
+    return Contacts(np.repeat(grid, each, axis=0), normals, judged=True)
 
 
 @pytest.mark.slow
