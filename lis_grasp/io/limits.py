@@ -112,6 +112,13 @@ def read_arrays(path: Path, names: Sequence[str]) -> list[npt.NDArray[Any]]:
     """
     # An archive leaves its file open while a member is: the file is closed here in any case.
     with reading(path, "NPZ"), path.open("rb") as file, zipfile.ZipFile(file) as archive:
+        present = [member.removesuffix(".npy") for member in archive.namelist()]
+        if missing := [name for name in names if name not in present]:
+            raise InvalidFileError(
+                f"{path} must have the arrays {', '.join(names)}; it lacks {', '.join(missing)} and"
+                f" has {', '.join(map(shown, present[:8])) or 'none'}",
+                path=path,
+            )
         members = [archive.getinfo(f"{name}.npy") for name in names]
         require_small_archive(members)
         for member in members:

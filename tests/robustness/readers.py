@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import importlib.util
+import io
 import json
 import resource
 import shutil
@@ -13,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import trimesh
@@ -28,9 +30,21 @@ from lis_grasp.exceptions import LisGraspError
 from lis_grasp.exploration import Probe, ProbeOutcome, TouchLog, load_outcomes
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io import provenance
+from lis_grasp.io.request_lines import answer_lines
 from lis_grasp.io.surface_files import load_surface, save_surface
-from lis_grasp.logs import Finger, LogFrames, TouchDetection, contacts_from_log, open_log
+from lis_grasp.logs import (
+    Finger,
+    LogFrames,
+    TactilePatches,
+    TouchDetection,
+    contacts_from_log,
+    contacts_from_patches,
+    open_log,
+)
 from lis_grasp.motion import Motion
+from lis_grasp.pipeline.next_touch import ObjectPlace
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.touch_service import TouchService
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import check_hand
 from lis_grasp.robots.link_bodies import load_mesh
@@ -345,6 +359,41 @@ def _check_log(path: Path) -> None:
     assert np.isfinite(contacts.points).all()
 
 
+def _save_patches(path: Path) -> None:
+    y, x = 1e-4 * (np.mgrid[:40, :50] - np.array([19.5, 24.5])[:, None, None])
+    depth = np.maximum(1e-3 - 10.0 * (x**2 + y**2), 0.0)
+    np.savez(path, heights=depth, poses=np.eye(4)[None], pitch=1e-4)
+
+
+def _check_patches(path: Path) -> None:
+    contacts = contacts_from_patches(TactilePatches.load(path))
+    assert np.isfinite(contacts.points).all()
+
+
+def _save_requests(path: Path) -> None:
+    lines = [
+        {"request": "next", "id": 1},
+        {"points": [[0.03, 0.0, 0.05]], "normals": [[1.0, 0.0, 0.0]], "position_noise": 0.001},
+        {"status": "missed", "free_points": [[0.1, 0.0, 0.05]], "free_radii": [0.01]},
+    ]
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+
+
+def _check_requests(path: Path) -> None:
+    """Check that each line has an answer."""
+    content, answers = path.read_bytes(), io.BytesIO()
+    config, place = RunConfig(estimator="gpis"), ObjectPlace(size=0.1, support=0.0)
+    with TemporaryDirectory() as folder:
+        log = TouchLog(Path(folder) / "touches.jsonl", {})
+        service = TouchService(config, Hand.load("wsg50"), place, Path(folder), log)
+        answer_lines(service.answer, io.BytesIO(content), answers)
+    written = [json.loads(line) for line in answers.getvalue().splitlines()]
+    lines = content.split(b"\n")
+    assert len(written) == len(lines) - (not lines[-1]) or any(b"stop" in line for line in lines)
+    assert all(answer["ok"] or answer["error"] for answer in written)
+    assert not any("failed: " in answer.get("error", "") for answer in written)
+
+
 READERS: dict[str, Reader] = {
     **{
         name: Reader(_saved(name, lambda path: _contacts().save(path)), _check_contacts)
@@ -359,6 +408,8 @@ READERS: dict[str, Reader] = {
     "grasps.json": Reader(_saved("grasps.json", _save_grasps), _check_grasps),
     "touches.jsonl": Reader(_saved("touches.jsonl", _save_touches), _check_touches),
     "motion.npz": Reader(_saved("motion.npz", _save_motion), _check_motion),
+    "patches.npz": Reader(_saved("patches.npz", _save_patches), _check_patches),
+    "requests": Reader(_saved("requests.jsonl", _save_requests), _check_requests),
     "study.yaml": Reader(_saved("study.yaml", _save_study), _check_study),
     "hand yaml": Reader(partial(_write_yaml, model="wsg50"), check_hand_file),
     "hand yaml of an sdf": Reader(partial(_write_yaml, model="claw"), check_hand_file),
