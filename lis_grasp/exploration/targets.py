@@ -28,8 +28,6 @@ from lis_grasp.typing import BoolArray, FloatArray
 
 # A target equals an earlier one within this fraction of its gap, if their directions agree.
 _SAME_TARGET = 0.4
-# Largest spacing of samples, in spacings of the contacts.
-_SPACING = 0.75
 # So many failed probes of a target are enough.
 _OFTEN = 3
 # A start equals that of a blocked probe within this distance, in steps.
@@ -66,8 +64,8 @@ class Candidates:
         known = estimate.contacts
 
         def make() -> Candidates:
-            rng, spacing = np.random.default_rng(len(known)), _SPACING * known.spacing
-            points, normals = space.sample(estimate, near=known, rng=rng, spacing=spacing)
+            rng = np.random.default_rng(len(known))
+            points, normals = space.sample(estimate, near=known, rng=rng)
             away = retreats(points, normals, space, known, estimate)
             depths = depths_in_free_space(points, estimate, known)
             return cls(points, normals, away, level_targets(points, away, space), depths)

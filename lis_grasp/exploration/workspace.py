@@ -136,15 +136,14 @@ class Workspace:
         *,
         near: Contacts | None = None,
         rng: np.random.Generator | None = None,
-        spacing: float = np.inf,
     ) -> tuple[FloatArray, FloatArray]:
         """Return points and unit outward normals of an estimate here, shapes (P, 3).
 
-        The points are a quarter of a step apart, and at most `spacing` [m]; those `near` contacts
-        are within a quarter of the size of the contacts' box. With `rng`, the grid is shifted at
-        random, which keeps its pattern out of the touches.
+        The points are a quarter of a step apart; those `near` contacts are within a quarter of the
+        size of the contacts' box. With `rng`, the grid is shifted at random, which keeps its
+        pattern out of the touches.
         """
-        cell = min(self.step / _CELLS_PER_STEP, spacing)
+        cell = self.step / _CELLS_PER_STEP
         half = (0.5 + _MARGIN) * self.size
         shift = 0.0 if rng is None else cell * rng.random(3)
         low, high = self.center - half, self.center + half

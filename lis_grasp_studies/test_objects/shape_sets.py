@@ -17,6 +17,7 @@ import numpy as np
 from lis_grasp import shapes
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.shapes import Shape
+from lis_grasp_studies.test_objects import _long as long
 from lis_grasp_studies.test_objects import _mixed as mixed
 from lis_grasp_studies.test_objects import _organic as organic
 from lis_grasp_studies.test_objects import _simple as simple
@@ -93,6 +94,14 @@ EVALUATION: Mapping[Family, tuple[str, ...]] = MappingProxyType(
 TOOLS = ("hammer", "screwdriver", "clamp", "plate", "ruler", "key", "spoon", "pen")
 """Names of tools and flat things, for lifts of long and low objects."""
 
+_LONG_BUILDS = (
+    *(long.chisel, long.paddle, long.angle_bar, long.tongs),
+    *(long.tapered_peg, long.rasp, long.rolling_pin, long.hex_key),
+)
+
+LONG = tuple(build.__name__ for build in _LONG_BUILDS)
+"""Names of long objects that the search for ends is reported on; nothing may be chosen on them."""
+
 _DEVELOPMENT_ONLY = (
     *(simple.l_bracket, simple.stairs, simple.vase, simple.pinched),
     *(organic.lumpy, organic.bean, organic.dumbbell),
@@ -106,6 +115,7 @@ _BUILDERS: Mapping[str, Callable[[], Solid]] = MappingProxyType(
             *_DEVELOPMENT_ONLY,
             *(b for some in _EVALUATION.values() for b in some),
             *(thin.clamp, thin.ruler, thin.key, thin.pen),
+            *_LONG_BUILDS,
         )
     }
 )
@@ -131,11 +141,12 @@ TEST_OBJECTS = tuple(sorted(_BUILDERS))
 def graspable_shape(name: str, size: float | None = None) -> Shape:
     """Return one of `TEST_OBJECTS` in a size that a hand can grasp.
 
-    Tools have their own size, others a largest extent of `GRASPABLE_SIZE`; `size` [m] replaces it.
+    `TOOLS` and `LONG` have their own size, others a largest extent of `GRASPABLE_SIZE`; `size` [m]
+    replaces it.
     """
     shape = build_shape(name)
     if size is None:
-        size = shape.size if name in TOOLS else GRASPABLE_SIZE
+        size = shape.size if name in (*TOOLS, *LONG) else GRASPABLE_SIZE
     factor = size / shape.size
     mesh = shape.mesh.copy()
     mesh.apply_scale(factor)
