@@ -35,11 +35,23 @@ _BLOCK = re.compile(
 )
 
 
-def _run_page(path: Path, folder: Path) -> int:
-    """Run a page's blocks in order, in an empty folder; return their number."""
+def _without_numbers(text: str) -> str:
+    return re.sub(r"-?[0-9]+(?:\.[0-9]+)?", "#", text)
+
+
+def _run_page(path: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> int:
+    """Run a page's blocks in order, in an empty folder; return their number.
+
+    A block of text after one of commands is their output, numbers apart.
+    """
     space: dict[str, object] = {"__name__": path.stem}
-    ran = 0
+    ran, before = 0, ""
     for language, name, text in _BLOCK.findall(path.read_text(encoding="utf-8")):
+        if language == "text" and before == "sh":
+            printed = _without_numbers(capsys.readouterr().out).splitlines()
+            for line in _without_numbers(text).splitlines():
+                assert line in printed, f"{path}: no command prints {line!r}"
+        before = language
         if name:
             (folder / name).write_text(text, encoding="utf-8")
         elif language == "python":
@@ -59,7 +71,7 @@ def test_blocks_of_a_guide_run(
     guide: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert _run_page(DOCS / "how-to" / f"{guide}.md", tmp_path) >= 2
+    assert _run_page(DOCS / "how-to" / f"{guide}.md", tmp_path, capsys) >= 2
 
 
 @pytest.mark.slow
@@ -67,7 +79,7 @@ def test_tutorial_runs_and_file_formats_page_names_every_key(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert _run_page(DOCS / "tutorial.md", tmp_path) == 4
+    assert _run_page(DOCS / "tutorial.md", tmp_path, capsys) == 4
     page = (DOCS / "reference" / "file-formats.md").read_text(encoding="utf-8")
     named = set(re.findall(r"`([a-z_A-Z0-9]+)`", page))
     run = tmp_path / "results" / "demo"
@@ -89,7 +101,7 @@ def test_examples_of_the_command_line_run(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     page = DOCS / "reference" / "command-line.md"
-    assert _run_page(page, tmp_path) >= 6
+    assert _run_page(page, tmp_path, capsys) >= 6
     (verbs,) = (
         action.choices
         for action in build_parser()._actions
