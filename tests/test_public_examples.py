@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import lis_grasp
-from lis_grasp import Contacts, pipeline
+from lis_grasp import Contacts, drake, pipeline
 
 _VALUES = ("__version__", "pipeline.SILENT")  # have no docstring of their own
 _NAMES = [*lis_grasp.__all__, *(f"pipeline.{name}" for name in pipeline.__all__)]
+_NAMES += [f"drake.{name}" for name in drake.__all__]
 # Examples that simulate a lift.
 _SLOW = {"run", "Run", "lift", "pipeline.lift_each", "pipeline.lift_file"}
 _SLOW |= {"pipeline.run", "pipeline.Run", "pipeline.lift"}
@@ -28,6 +29,7 @@ def test_the_example_of_a_public_name_runs(
     monkeypatch.chdir(tmp_path)
     public = {name: getattr(lis_grasp, name) for name in lis_grasp.__all__}
     axes = np.vstack([np.eye(3), -np.eye(3)])
+    public |= {"drake": drake, **vars(drake)} if name.startswith("drake.") else {}
     space = public | {"np": np, "contacts": Contacts(points=0.03 * axes, normals=axes)}
     value = eval(name, space)  # noqa: S307
     text = value.__doc__
@@ -43,4 +45,5 @@ def test_the_table_of_stable_names_is_complete() -> None:
     page = Path(__file__).parents[1] / "docs" / "reference" / "api" / "index.md"
     rows = "\n".join(row for row in page.read_text("utf-8").split("\n") if row.startswith("|"))
     listed = {name.rpartition(".")[2] for name in re.findall(r"`~?([\w.]+)`", rows)}
-    assert {*lis_grasp.__all__, *pipeline.__all__} - {"__version__"} == listed
+    stable = {*lis_grasp.__all__, *pipeline.__all__, "drake", *drake.__all__}
+    assert stable - {"__version__"} == listed

@@ -60,6 +60,17 @@ class GraspPlanner(LeafSystem):
         Draws the grasps when they are planned, the best one opaque; None for no drawing.
     path
         Of the drawing.
+
+    Examples
+    --------
+    >>> from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+    >>> from pydrake.systems.framework import DiagramBuilder
+    >>> plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.002)
+    >>> hand = add_hand(plant, "wsg50")
+    >>> plant.Finalize()
+    >>> planner = GraspPlanner(hand, table=0.0, count=3)
+    >>> planner.get_input_port().get_name(), planner.grasp.get_name()
+    ('estimate', 'grasp')
     """
 
     def __init__(

@@ -119,6 +119,18 @@ class HapticExplorer(LeafSystem):
         If the hand has no probe posture.
     InvalidOptionError
         If there is neither home nor station, or an option is out of range.
+
+    Examples
+    --------
+    >>> from lis_grasp.exploration import Workspace
+    >>> from pydrake.all import AddMultibodyPlantSceneGraph, DiagramBuilder, RigidTransform
+    >>> plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.002)
+    >>> hand = add_hand(plant, "wsg50")
+    >>> plant.Finalize()
+    >>> space = Workspace(step=0.03, center=[0.0, 0.0, 0.0], size=0.12)
+    >>> explorer = HapticExplorer(hand, space, home=RigidTransform([0.0, 0.0, 0.4]), touches=8)
+    >>> explorer.X_WG.Eval(explorer.CreateDefaultContext()).translation()
+    array([0. , 0. , 0.4])
     """
 
     def __init__(

@@ -102,6 +102,18 @@ class TouchSensor(LeafSystem):
     ------
     InvalidOptionError
         If the plant is not finalized, the hand is of another plant, or nothing can be felt.
+
+    Examples
+    --------
+    >>> from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+    >>> from pydrake.systems.framework import DiagramBuilder
+    >>> builder = DiagramBuilder()
+    >>> plant, _ = AddMultibodyPlantSceneGraph(builder, 0.002)
+    >>> hand, body = add_hand(plant, "wsg50"), add_object(plant, "box")
+    >>> plant.Finalize()
+    >>> sensor = builder.AddSystem(TouchSensor(plant, hand, feels=[body]))
+    >>> results = plant.get_contact_results_output_port()
+    >>> _ = builder.Connect(results, sensor.GetInputPort("contact_results"))
     """
 
     def __init__(
