@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import ModuleType
+from typing import Any
 
 _PLACES = {
     "arms.arm": "lis_grasp.robots.arm",
@@ -56,6 +57,18 @@ def new_place(name: str) -> str | None:
     """Return a sentence that says where a module or name is now; None if it did not move."""
     place = _PLACES.get(name.removeprefix("lis_grasp."))
     return None if place is None else f"{name} is now {place}"
+
+
+def module_names(
+    module: str, names: Sequence[str]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """Return `__getattr__` and `__dir__` of a package, which say where a name of 1.4 is now."""
+
+    def get(name: str) -> Any:
+        place = new_place(f"{module}.{name}") or f"module '{module}' has no attribute '{name}'"
+        raise AttributeError(place)
+
+    return get, lambda: sorted(names)
 
 
 class MovedModules:

@@ -70,8 +70,8 @@ class InvalidMeshError(InvalidInputError):
     """A mesh that cannot be used as an object and could not be repaired."""
 
 
-class InvalidHandError(InvalidInputError):
-    """A hand description (YAML, URDF, SDF or MJCF) that is incomplete or contradicts itself.
+class InvalidRobotError(InvalidInputError):
+    """A description (YAML, URDF or SDF) that is incomplete or contradicts itself.
 
     Attributes
     ----------
@@ -86,20 +86,12 @@ class InvalidHandError(InvalidInputError):
         self.file, self.key = file, key
 
 
-class InvalidArmError(InvalidInputError):
-    """An arm's description (YAML, URDF, SDF or MJCF) that is incomplete or contradicts itself.
+class InvalidHandError(InvalidRobotError):
+    """A hand's description that is incomplete or contradicts itself."""
 
-    Attributes
-    ----------
-    file
-        Name of the file; empty if it is none in particular.
-    key
-        Dotted key in it, for example ``home``; empty if it is none in particular.
-    """
 
-    def __init__(self, message: str, *, file: str = "", key: str = "") -> None:
-        super().__init__(message)
-        self.file, self.key = file, key
+class InvalidArmError(InvalidRobotError):
+    """An arm's description that is incomplete or contradicts itself."""
 
 
 class InvalidOptionError(InvalidInputError):

@@ -17,12 +17,7 @@ from lis_grasp.pipeline.summary import exploration_lines
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
-    opt.add_object(parser)
-    opt.add_conditions(parser)
-    opt.add_options(parser, *opt.TOUCH)
-    opt.add_fresh(parser)
-    opt.add_watch(parser)
-    opt.add_output(parser, "results/<run>")
+    opt.add_exploration(parser)
     parser.set_defaults(execute=execute)
 
 

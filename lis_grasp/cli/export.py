@@ -21,9 +21,7 @@ _MOST_PARTS = 32
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
-    parser.add_argument(
-        "mesh", type=Path, metavar="MESH", help="surface.ply of `estimate`, or any mesh file"
-    )
+    opt.add_mesh(parser)
     parser.add_argument(
         "--format",
         nargs="+",

@@ -29,9 +29,7 @@ _ON_LIS = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
-    parser.add_argument(
-        "mesh", type=Path, metavar="MESH", help="surface.ply of `estimate`, or any mesh file"
-    )
+    opt.add_mesh(parser)
     parser.add_argument(
         "--support",
         type=float,

@@ -170,23 +170,29 @@ def add_output(parser: argparse.ArgumentParser, default: str) -> None:
     )
 
 
-def add_fresh(parser: argparse.ArgumentParser) -> None:
-    """Add the option to explore from the beginning."""
+def add_exploration(parser: argparse.ArgumentParser, *later: str) -> None:
+    """Add the object, the conditions and the options of an exploration, and those of `later`."""
+    add_object(parser)
+    add_conditions(parser)
+    add_options(parser, *TOUCH, *later)
     parser.add_argument(
         "--fresh",
         action="store_true",
         help="explore from the beginning (default: an interrupted exploration is resumed, and a"
         " finished one is used again, if nothing that it depends on has changed)",
     )
-
-
-def add_watch(parser: argparse.ArgumentParser) -> None:
-    """Add the option to show the exploration while it goes on."""
     parser.add_argument(
         "--watch",
         action="store_true",
         help="show touches, estimates, grasps and lift in the browser as they come, until Ctrl-C",
     )
+    add_output(parser, "results/<run>")
+
+
+def add_mesh(parser: argparse.ArgumentParser) -> None:
+    """Add the mesh, estimated or any."""
+    text = "surface.ply of `estimate`, or any mesh file"
+    parser.add_argument("mesh", type=Path, metavar="MESH", help=text)
 
 
 def add_jobs(parser: argparse.ArgumentParser) -> None:

@@ -15,12 +15,7 @@ from lis_grasp.pipeline.summary import run_lines
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
-    opt.add_object(parser)
-    opt.add_conditions(parser)
-    opt.add_options(parser, *opt.TOUCH, "free_space", "grasps", "attempts", "simulator")
-    opt.add_fresh(parser)
-    opt.add_watch(parser)
-    opt.add_output(parser, "results/<run>")
+    opt.add_exploration(parser, "free_space", "grasps", "attempts", "simulator")
     parser.set_defaults(execute=execute)
 
 

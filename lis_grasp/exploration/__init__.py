@@ -1,8 +1,6 @@
 """Tactile exploration: choose the next touch, make it, estimate the surface, repeat."""
 
-from typing import Any
-
-from lis_grasp._moved import new_place
+from lis_grasp._moved import module_names
 from lis_grasp.exploration.loop import (
     Exploration,
     ExplorationSetup,
@@ -73,13 +71,4 @@ __all__ = [
     "stop_when_graspable",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Say where a name of version 1.4 is now."""
-    place = new_place(f"{__name__}.{name}") or f"module '{__name__}' has no attribute '{name}'"
-    raise AttributeError(place)
-
-
-def __dir__() -> list[str]:
-    """List the public names."""
-    return sorted(__all__)
+__getattr__, __dir__ = module_names(__name__, __all__)

@@ -12,7 +12,12 @@ import numpy as np
 import yourdfpy
 from pydantic import BaseModel
 
-from lis_grasp.exceptions import InvalidArmError, InvalidFileError, InvalidHandError
+from lis_grasp.exceptions import (
+    InvalidArmError,
+    InvalidFileError,
+    InvalidHandError,
+    InvalidRobotError,
+)
 from lis_grasp.geometry import unit
 from lis_grasp.io.schemas import parse_entry
 from lis_grasp.io.yaml_files import read_yaml
@@ -61,7 +66,7 @@ def read_arm_file(path_or_name: str | Path) -> dict[str, Any]:
         _cut_at_flange(robot, file.entry)
         model = build_model(robot, file.description, DescriptionEdits.of(file.entry))
         numbers = read_joint_numbers(file.description)
-    except (InvalidArmError, InvalidHandError, InvalidFileError) as error:
+    except (InvalidRobotError, InvalidFileError) as error:
         key = error.key if isinstance(error, InvalidArmError) else "urdf"
         raise InvalidArmError(f"{file.name}: {error}", file=file.name, key=key) from None
     return _arm_fields(_Checks(file, model), [numbers[name] for name in model.joint_names])
@@ -80,14 +85,14 @@ class _File:
     name: str
     entry: Any
     description: Path
-    error: type[InvalidArmError] | type[InvalidHandError]
+    error: type[InvalidRobotError]
 
 
 def _read_file(
     path: Path,
     what: str,
     schema: type[BaseModel],
-    invalid: type[InvalidArmError] | type[InvalidHandError],
+    invalid: type[InvalidRobotError],
 ) -> _File:
     try:
         document = read_yaml(path)

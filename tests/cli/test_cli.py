@@ -165,7 +165,7 @@ def test_a_log_is_not_replaced_by_its_contacts(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = tmp_path / "log.csv"
-    log.write_text("time,force,x,y,z\n0,0,0,0,0\n1,2,0,0,0.1\n")
+    log.write_text("time,force,x,y,z\n0,0,0,0,0\n0.01,2,0,0,0.1\n")
     before = log.read_bytes()
     assert main(["contacts", str(log), "--output", str(log), "--normals", "approach"]) == 2
     assert "another file than the log" in capsys.readouterr().err

@@ -21,7 +21,7 @@ def test_a_field_is_written_as_the_option_of_it() -> None:
     ("arguments", "words"),
     [
         (["box", "--touches", "0"], "--touches must be at least 1"),
-        (["box", "--units", "mm"], "largest extent in metres by --size"),
+        (["box", "--units", "mm"], "the largest extent is --size"),
         (["box", "--until-coverage=2"], "--until-coverage must be above 0"),
     ],
 )
