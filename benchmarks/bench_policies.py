@@ -32,7 +32,8 @@ from lis_grasp.exploration import (
 )
 from lis_grasp.exploration.targets import transfer_seconds
 from lis_grasp.io.json_lines import Row
-from lis_grasp.pipeline import make_policy, workspace
+from lis_grasp.pipeline.scenario import workspace
+from lis_grasp.pipeline.stages import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh

@@ -19,6 +19,7 @@ import lis_grasp
 import lis_grasp_studies
 from lis_grasp import pipeline
 from lis_grasp.pipeline import known, lifting_stage, next_touch, stages
+from lis_grasp.pipeline.stages import make_estimator, make_policy
 
 PACKAGE = Path(lis_grasp.__file__).resolve().parent
 STUDIES = Path(lis_grasp_studies.__file__).resolve().parent
@@ -230,8 +231,8 @@ def test_the_true_object_is_no_part_of_what_is_known() -> None:
     [
         pipeline.estimate,
         pipeline.plan,
-        pipeline.make_policy,
-        pipeline.make_estimator,
+        make_policy,
+        make_estimator,
         stages.stop_rules,
         lifting_stage.lift_options,
         next_touch.next_touch,

@@ -17,7 +17,8 @@ from lis_grasp.drake._ports import MadeOnce, add_output, read
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.exploration import TactileSensor
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline import Perception, make_estimator
+from lis_grasp.pipeline import Perception
+from lis_grasp.pipeline.stages import make_estimator
 from lis_grasp.records import Record
 from lis_grasp.surfaces import Estimator, ImplicitSurface
 from lis_grasp.surfaces import estimate as estimate_surface

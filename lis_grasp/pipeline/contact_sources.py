@@ -49,13 +49,6 @@ def load_source(source: ContactSource) -> Contacts:
 
     It stays unknown where the contacts do not determine it. Normals that the file lacks are
     estimated. Errors are those of `load_contacts`.
-
-    Examples
-    --------
-    >>> contacts.save("contacts.ply")
-    >>> source = pipeline.ContactSource("contacts.ply", position_noise=0.001)
-    >>> float(pipeline.load_source(source).position_noise.max())
-    0.001
     """
     recorded = read_facts(Path(source.path))
     given = [
@@ -76,15 +69,7 @@ def load_source(source: ContactSource) -> Contacts:
 
 
 def join_sources(sources: Iterable[ContactSource]) -> Contacts:
-    """Load the contacts of several sensors, as of `load_source`, and join them.
-
-    Examples
-    --------
-    >>> contacts.save("contacts.ply")
-    >>> source = pipeline.ContactSource("contacts.ply")
-    >>> len(pipeline.join_sources([source, source]))
-    12
-    """
+    """Load the contacts of several sensors, as of `load_source`, and join them."""
     joined = Contacts.empty()
     for source in sources:
         joined = joined.append(load_source(source))

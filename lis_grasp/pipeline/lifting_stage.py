@@ -19,12 +19,7 @@ from lis_grasp.shapes import Shape
 
 
 def require_simulator(simulator: str, shape: Shape) -> None:
-    """Raise `InvalidOptionError` if a package is missing that lifts in a simulator need.
-
-    Examples
-    --------
-    >>> pipeline.require_simulator("drake", shapes.find("box"))
-    """
+    """Raise `InvalidOptionError` if a package is missing that lifts in a simulator need."""
     if simulator == "mujoco":
         from lis_grasp.simulation.mujoco.convex_pieces import require_mujoco
 

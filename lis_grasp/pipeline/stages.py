@@ -56,16 +56,7 @@ _FEW_SETS = 400  # contact sets sampled to predict a success during an explorati
 
 @dataclass(slots=True)
 class Stopwatch:
-    """Wall time of each named stage [s].
-
-    Examples
-    --------
-    >>> watch = pipeline.Stopwatch()
-    >>> with watch.measure("estimate"):
-    ...     surface = estimate(contacts)
-    >>> list(watch.seconds)
-    ['estimate']
-    """
+    """Wall time of each named stage [s]."""
 
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -84,13 +75,6 @@ def make_estimator(estimator: str | Estimator, sensor: TactileSensor) -> Estimat
 
     It estimates a noise that is 0 from the contacts, or keeps its own default. An estimator that is
     no name is returned as it is.
-
-    Examples
-    --------
-    >>> from lis_grasp.exploration import TactileSensor
-    >>> make = pipeline.make_estimator("gpis", TactileSensor(position_noise=0.001))
-    >>> make(contacts).points.shape
-    (6, 3)
     """
     if not isinstance(estimator, str):
         return estimator
@@ -229,17 +213,7 @@ def _best_success(known: Known, surface: ImplicitSurface) -> float:
 def make_policy(
     policy: str | Callable[[Workspace], Policy], space: Workspace | Region, sensor: TactileSensor
 ) -> Policy:
-    """Return the policy of a name, the package's or a plug-in, for one workspace or a region.
-
-    Examples
-    --------
-    >>> from lis_grasp.exploration import TactileSensor
-    >>> space = pipeline.workspace(shapes.find("box"))
-    >>> policy = pipeline.make_policy("spread", space, TactileSensor())
-    >>> probe = policy.next_probe(contacts, None, outcomes=(), rng=np.random.default_rng(0))
-    >>> probe.target.shape
-    (3,)
-    """
+    """Return the policy of a name, the package's or a plug-in, for one workspace or a region."""
     if isinstance(space, Region):
         return RegionPolicy(space, partial(make_policy, policy, sensor=sensor))
     if not isinstance(policy, str):
@@ -257,12 +231,6 @@ def make_prober(
     """Return the configured prober of the true object, in the state after recorded outcomes.
 
     Simulated touches add what they demand of an arm to `arm_use`.
-
-    Examples
-    --------
-    >>> config = RunConfig("box", hand="wsg50", prober="kinematic")
-    >>> type(pipeline.make_prober(pipeline.Scenario.from_config(config))).__name__
-    'KinematicProber'
     """
     config, truth, known = scenario.config, scenario.truth, scenario.known
     mesh = truth.shape.mesh

@@ -28,6 +28,7 @@ from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.known import Perception
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import Scenario
+from lis_grasp.pipeline.stages import Stopwatch
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, placed
 from lis_grasp.surfaces import carved
@@ -125,7 +126,7 @@ def _rows(job: Job) -> Iterator[Row]:
     trial = job.trial
     shape, hand = trial.find_object(), Hand.load(trial.hand)
     for estimator in job.variants:
-        watch = pipeline.Stopwatch()
+        watch = Stopwatch()
         row = blank_row(trial, estimator, shape)
         with _failure_in(row):
             _fill(row, trial, shape, hand, estimator, watch)
@@ -133,7 +134,7 @@ def _rows(job: Job) -> Iterator[Row]:
 
 
 def _fill(
-    row: Row, trial: Trial, shape: Shape, hand: Hand, estimator: str, watch: pipeline.Stopwatch
+    row: Row, trial: Trial, shape: Shape, hand: Hand, estimator: str, watch: Stopwatch
 ) -> None:
     touched = touch(trial, trial.explorer(estimator))
     contacts, X_EO, watch.seconds["touch"] = touched.contacts, touched.X_EO, touched.seconds
@@ -185,14 +186,14 @@ class GraspTask:
 @lru_cache(maxsize=64)
 def grasp_and_lift(task: GraspTask) -> tuple[Row, dict[str, float]]:
     """Plan, evaluate the best grasp on the truth, lift with it; return columns, and times [s]."""
-    watch = pipeline.Stopwatch()
+    watch = Stopwatch()
     row: Row = {}
     with _failure_in(row):
         _fill_grasp(row, task, watch)
     return row, watch.seconds
 
 
-def _fill_grasp(row: Row, task: GraspTask, watch: pipeline.Stopwatch) -> None:
+def _fill_grasp(row: Row, task: GraspTask, watch: Stopwatch) -> None:
     trial, shape, hand = task.trial, task.shape, task.hand
     with watch.measure("grasp"):
         search = plan(trial, task.mesh, shape, hand)

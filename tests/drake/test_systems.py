@@ -16,7 +16,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from lis_grasp import Contacts, pipeline
+from lis_grasp import Contacts
 from lis_grasp.drake import (
     GraspPlanner,
     HapticExplorer,
@@ -27,6 +27,7 @@ from lis_grasp.drake import (
 )
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import ExplorationSetup, TactileSensor, Workspace, begin, choose
+from lis_grasp.pipeline.stages import make_estimator, make_policy
 from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
 from lis_grasp.simulation import DynamicProber
 from lis_grasp.simulation.drake.hand_plant import PROBING_SKIN
@@ -60,8 +61,8 @@ def test_each_touch_is_the_next_probe_of_the_exploration_and_that_of_the_prober(
     outcomes, sensor = exploration.outcomes, TactileSensor()
     assert exploration.ended == f"{TOUCHES} contacts made"
     setup = ExplorationSetup(
-        pipeline.make_policy("spread", own.space, sensor),
-        pipeline.make_estimator("blend", sensor),
+        make_policy("spread", own.space, sensor),
+        make_estimator("blend", sensor),
         TOUCHES,
         space=own.space,
         sensor=sensor,

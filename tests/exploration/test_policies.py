@@ -27,7 +27,8 @@ from lis_grasp.exploration.policy import (
 )
 from lis_grasp.exploration.probe_motions import ContactHull, surface_probe
 from lis_grasp.exploration.targets import Targets
-from lis_grasp.pipeline import make_policy, workspace
+from lis_grasp.pipeline.scenario import workspace
+from lis_grasp.pipeline.stages import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.surfaces import ESTIMATORS

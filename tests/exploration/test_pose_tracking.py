@@ -25,7 +25,7 @@ from lis_grasp.exploration import (
 )
 from lis_grasp.exploration.planar_motion import PoseBelief, Push, planar_pose, push_of
 from lis_grasp.exploration.policy import farthest
-from lis_grasp.pipeline import workspace
+from lis_grasp.pipeline.scenario import workspace
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ESTIMATORS

@@ -15,6 +15,8 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import TactileSensor, load_outcomes
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.pipeline import ContactSource, RunConfig
+from lis_grasp.pipeline.contact_sources import join_sources, load_source
+from lis_grasp.pipeline.stages import make_estimator
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
 NOISE, TILT = 0.001, 0.05
@@ -46,7 +48,7 @@ def test_each_file_keeps_its_noise_or_gets_its_own(tmp_path: Path) -> None:
     known = replace(touches.subset([0, 1]), position_noise=[0.004, np.nan])
     known.save(tmp_path / "known.csv")
     paths = [tmp_path / name for name in ("cloud.ply", "touches.csv", "known.csv")]
-    joined = pipeline.join_sources(map(ContactSource, paths))
+    joined = join_sources(map(ContactSource, paths))
     assert len(joined) == 362
     assert joined.position_noise is not None
     # Estimated from each file alone: within the factor that estimates keep.
@@ -54,7 +56,7 @@ def test_each_file_keeps_its_noise_or_gets_its_own(tmp_path: Path) -> None:
     assert joined.position_noise[300] == pytest.approx(2e-4, rel=0.5)
     # Two contacts do not determine their noise.
     np.testing.assert_array_equal(joined.position_noise[360:], [0.004, np.nan])
-    given = pipeline.join_sources(ContactSource(path, position_noise=0.002) for path in paths)
+    given = join_sources(ContactSource(path, position_noise=0.002) for path in paths)
     np.testing.assert_array_equal(
         given.position_noise[[0, 300, 360, 361]], [2e-3, 2e-3, 4e-3, 2e-3]
     )
@@ -63,7 +65,7 @@ def test_each_file_keeps_its_noise_or_gets_its_own(tmp_path: Path) -> None:
 def test_the_noise_that_a_file_s_header_records_is_that_of_its_contacts(tmp_path: Path) -> None:
     path = tmp_path / "contacts.ply"
     box_cloud(60, top=False).save(path, header='lis_grasp {"position_noise": 0.002}')
-    contacts = pipeline.load_source(ContactSource(path))
+    contacts = load_source(ContactSource(path))
     np.testing.assert_array_equal(contacts.position_noise, np.full(60, 0.002))
     assert contacts.normal_noise is not None
     assert contacts.normal_noise[0] == pytest.approx(TILT, rel=0.5)
@@ -73,14 +75,14 @@ def test_the_noise_that_a_file_s_header_records_is_that_of_its_contacts(tmp_path
 def test_one_kind_of_noise_leaves_the_other_to_be_estimated(tmp_path: Path) -> None:
     path = tmp_path / "cloud.csv"
     box_cloud(300, top=False).save(path)
-    exact = pipeline.load_source(ContactSource(path, position_noise=0.0))
+    exact = load_source(ContactSource(path, position_noise=0.0))
     np.testing.assert_array_equal(exact.position_noise, 0.0)
     assert exact.normal_noise is not None
     assert exact.normal_noise == pytest.approx(TILT, rel=0.5)
     sensor = TactileSensor(position_noise=0.001)
-    surface = pipeline.make_estimator("blend", sensor)(Contacts.load(path))
+    surface = make_estimator("blend", sensor)(Contacts.load(path))
     both = TactileSensor(position_noise=0.001, normal_noise=TILT)
-    known = pipeline.make_estimator("blend", both)(Contacts.load(path))
+    known = make_estimator("blend", both)(Contacts.load(path))
     points = 1.02 * Contacts.load(path).points
     apart = surface.evaluate(points) - known.evaluate(points)
     assert np.sqrt(np.mean(apart**2)) < 0.001

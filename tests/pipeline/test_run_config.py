@@ -11,6 +11,7 @@ import pytest
 from lis_grasp import Hand, RunConfig, pipeline, shapes
 from lis_grasp.exceptions import InvalidHandError, InvalidInputError, InvalidOptionError
 from lis_grasp.pipeline.option import options_of
+from lis_grasp.pipeline.scenario import workspace
 
 
 @pytest.mark.parametrize(
@@ -58,7 +59,7 @@ def test_every_decision_of_the_robot_is_an_option() -> None:
     """What `Known` repeats of a configuration has the configured value."""
     given: dict[str, Any] = {"policy": "swift", "touches": 7, "grasps": 2, "seed": 5, "attempts": 1}
     given |= {"until_coverage": 0.9, "max_seconds": 60.0, "free_space": False, "estimator": "gpis"}
-    hand, space = Hand.load("wsg50"), pipeline.workspace(shapes.find("box"))
+    hand, space = Hand.load("wsg50"), workspace(shapes.find("box"))
     known = pipeline.Known.for_hand(RunConfig(**given), hand, space, 0.0)
     for name in set(options_of(RunConfig)) & set(vars(known)) - {"hand", "load"}:
         assert getattr(known, name) == getattr(RunConfig(**given), name), name

@@ -16,9 +16,10 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Exploration
 from lis_grasp.io import provenance
-from lis_grasp.pipeline import RunConfig, Scenario, estimate, make_prober, touch
+from lis_grasp.pipeline import RunConfig, Scenario, estimate, touch
 from lis_grasp.pipeline.conditions import IDEAL_SENSOR, UNKNOWN
 from lis_grasp.pipeline.report_json import exploration_facts
+from lis_grasp.pipeline.stages import make_prober
 from lis_grasp.pipeline.summary import exploration_lines
 from lis_grasp.shapes import Shape, placed
 

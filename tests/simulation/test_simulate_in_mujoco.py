@@ -20,6 +20,7 @@ from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.trial import AcceptGrasp
 from lis_grasp.motion import OBJECT
+from lis_grasp.pipeline.lifting_stage import require_simulator
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 
@@ -142,9 +143,9 @@ def test_a_run_without_a_package_of_its_simulator_ends_before_the_first_touch(
 def test_a_convex_object_needs_no_decomposition(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("mujoco", reason=NEEDS_MUJOCO)
     monkeypatch.setitem(sys.modules, "coacd", None)
-    pipeline.require_simulator("mujoco", BOX)
+    require_simulator("mujoco", BOX)
     with pytest.raises(InvalidOptionError, match="coacd"):
-        pipeline.require_simulator("mujoco", RING)
+        require_simulator("mujoco", RING)
 
 
 def test_no_contacts_without_an_object_between_the_jaws() -> None:

@@ -23,7 +23,7 @@ from lis_grasp.exploration import (
     explore,
 )
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline import make_policy
+from lis_grasp.pipeline.stages import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
