@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from lis_grasp.surfaces import ImplicitSurface as ImplicitSurface
     from lis_grasp.surfaces import LocalImplicitSurface as LocalImplicitSurface
     from lis_grasp.surfaces import PatchImplicitSurface as PatchImplicitSurface
+    from lis_grasp.surfaces import SmoothImplicitSurface as SmoothImplicitSurface
     from lis_grasp.surfaces import estimate as estimate
     from lis_grasp.surfaces import load_contacts as load_contacts
     from lis_grasp.visualization import Scene as Scene
@@ -56,6 +57,7 @@ _HOMES = {
     "RunConfig": "lis_grasp.pipeline",
     "Scene": "lis_grasp.visualization",
     "Shape": "lis_grasp.shapes",
+    "SmoothImplicitSurface": "lis_grasp.surfaces",
     "epsilon_quality": "lis_grasp.grasping.epsilon",
     "estimate": "lis_grasp.surfaces",
     "explore": "lis_grasp.pipeline.direct",
@@ -72,7 +74,10 @@ _HOMES = {
 
 # What guessed names stand for, in lower case.
 _CALLS = {
-    **{name: f"estimate(contacts, '{name}')" for name in ("lis", "gpis", "blend", "patch")},
+    **{
+        name: f"estimate(contacts, '{name}')"
+        for name in ("lis", "gpis", "smooth", "blend", "patch")
+    },
     **dict.fromkeys(("draw", "draw_scene"), "Scene(...).save(path)"),
     **dict.fromkeys(("explore_object", "touch"), "explore(object, hand)"),
     **dict.fromkeys(("grasp", "grasp_planner", "plan_grasps"), "plan(mesh, hand)"),

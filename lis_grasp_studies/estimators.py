@@ -22,6 +22,7 @@ from lis_grasp.surfaces import (
     ImplicitSurface,
     LocalImplicitSurface,
     PatchImplicitSurface,
+    SmoothImplicitSurface,
 )
 from lis_grasp.surfaces.estimators import find_estimator
 from lis_grasp_studies.baselines import (
@@ -97,6 +98,7 @@ OURS: Mapping[str, Maker] = {
     "gpis": partial(GaussianProcessImplicitSurface.from_contacts, kernel="matern52"),
     "gpis_rbf": partial(GaussianProcessImplicitSurface.from_contacts, kernel="rbf"),
     "gpis_thin_plate": partial(GaussianProcessImplicitSurface.from_contacts, kernel="thin_plate"),
+    "smooth": SmoothImplicitSurface.from_contacts,
     "patch": PatchImplicitSurface.from_contacts,
     "blend": BlendedImplicitSurface.from_contacts,
 }

@@ -47,7 +47,8 @@ LOADS = ("known", "unknown")
 
 ESTIMATOR_MEANINGS: Mapping[str, str] = MappingProxyType(
     {
-        "blend": "smooth patches that meet in edges, or gpis where that predicts as well",
+        "blend": "smooth patches that meet in edges, or smooth where that predicts as well",
+        "smooth": "Gaussian processes for shapes without edges",
         "gpis": "a Gaussian process, which rounds edges",
         "patch": "the patches alone",
         "lis": "the paper's tangent planes",

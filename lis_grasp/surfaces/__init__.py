@@ -10,6 +10,7 @@ from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.local_implicit_surface import LocalImplicitSurface
 from lis_grasp.surfaces.normal_estimation import estimate_normals
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
+from lis_grasp.surfaces.smooth_implicit_surface import SmoothImplicitSurface
 
 __all__ = [
     "ESTIMATORS",
@@ -21,6 +22,7 @@ __all__ = [
     "ImplicitSurface",
     "LocalImplicitSurface",
     "PatchImplicitSurface",
+    "SmoothImplicitSurface",
     "carved",
     "estimate",
     "estimate_normals",

@@ -98,6 +98,15 @@ def gradient_covariance(kernel: RadialKernel, nodes: FloatArray) -> FloatArray:
     return blocks.reshape(ROWS * len(nodes), ROWS * len(nodes))
 
 
+def _with_length_noise(covariance: FloatArray, targets: FloatArray, deviation: float) -> FloatArray:
+    """Add noise along the gradients of targets (N, 4) to a covariance (4N, 4N), in place."""
+    if deviation:
+        count, slopes = len(targets), deviation * targets[:, 1:]
+        blocks = covariance.reshape(count, ROWS, count, ROWS)
+        blocks[range(count), 1:, range(count), 1:] += slopes[:, :, None] * slopes[:, None]
+    return covariance
+
+
 def factorize(covariance: FloatArray, variances: FloatArray) -> FloatArray:
     """Return the lower Cholesky factor of a covariance (M, M) with variances (M,) of noise.
 
@@ -172,13 +181,21 @@ class GradientRegression:
 
     @classmethod
     def fit(
-        cls, kernel: RadialKernel, nodes: FloatArray, targets: FloatArray, noise: FloatArray
+        cls,
+        kernel: RadialKernel,
+        nodes: FloatArray,
+        targets: FloatArray,
+        noise: FloatArray,
+        *,
+        length_noise: float = 0.0,
     ) -> GradientRegression:
         """Factorize the equations and solve them; EstimationError if they are singular.
 
-        `noise` are variances, shape (N, 4), or (4,) where all nodes have the same.
+        `noise` are variances, shape (N, 4), or (4,) where all nodes have the same. `length_noise`
+        is the standard deviation of noise along each observed gradient, of unit length.
         """
-        return cls._solve(kernel, nodes, targets, noise, gradient_covariance(kernel, nodes))
+        covariance = _with_length_noise(gradient_covariance(kernel, nodes), targets, length_noise)
+        return cls._solve(kernel, nodes, targets, noise, covariance)
 
     @classmethod
     def _solve(
@@ -204,14 +221,16 @@ class GradientRegression:
         *,
         sensor_noise: FloatArray,
         misfit: FloatArray,
+        length_noise: float = 0.0,
     ) -> float:
         """Return log a of the prior a^2 k that suits sensor noise known in absolute terms.
 
-        The noise is a^2 misfit + sensor_noise, variances of shape (4,) and (N, 4) or (4,). a solves
+        The noise is a^2 misfit + sensor_noise, variances of shape (4,) and (N, 4) or (4,), and that
+        of lengths, see `fit`, times a^2. a solves
         targets^T (a^2 (K + misfit) + sensor_noise)^-1 targets = 4N: the targets scatter as
         predicted. The left side falls with a, so the root is unique.
         """
-        covariance = gradient_covariance(kernel, nodes)
+        covariance = _with_length_noise(gradient_covariance(kernel, nodes), targets, length_noise)
         process = cls._solve(kernel, nodes, targets, misfit, covariance.copy())
         # Noise explains some of the scatter: a is lower than without it; 0.1 more for rounding.
         high = float(np.log(process.likeliest_amplitude())) + 0.1

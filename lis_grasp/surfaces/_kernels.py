@@ -112,6 +112,25 @@ class Matern52(RadialKernel):
 
 
 @dataclass(frozen=True, slots=True)
+class Matern72(RadialKernel):
+    """(1 + q + 2 q^2 / 5 + q^3 / 15) exp(-q), q = sqrt(7) r / length: eq. 4.14 there, nu = 7/2."""
+
+    length: float
+
+    def value_and_first(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return k(r) and -k'(r) / r."""
+        q = np.sqrt(7.0) * r / self.length
+        decay = np.exp(-q)
+        first = (1.0 + q + q * q / 3.0) * decay  # times 5 length^2 / 7
+        return first + q * q * (1.0 + q) / 15.0 * decay, 7.0 / (5.0 * self.length**2) * first
+
+    def second(self, r: FloatArray) -> FloatArray:
+        """Return (k''(r) - k'(r) / r) / r^2."""
+        q = np.sqrt(7.0) * r / self.length
+        return 49.0 / (15.0 * self.length**4) * (1.0 + q) * np.exp(-q)
+
+
+@dataclass(frozen=True, slots=True)
 class ThinPlate(RadialKernel):
     """(2 r^3 - 3 R r^2 + R^3) / R^3: Williams and Fitzgibbon 2007; a covariance for r up to R.
 

@@ -9,20 +9,19 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.records import made_by, short_repr
+from lis_grasp.surfaces._cross_validation import log_errors
 from lis_grasp.surfaces._gaussian_process_regression import squared_distances
+from lis_grasp.surfaces._smoothstep import agreement, smoothstep
 from lis_grasp.surfaces.contact_preparation import prepare_contacts
 from lis_grasp.surfaces.gaussian_process_implicit_surface import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
 from lis_grasp.surfaces.queries import flat_points, map_rows
+from lis_grasp.surfaces.smooth_implicit_surface import SmoothImplicitSurface
 from lis_grasp.typing import FloatArray, IndexArray
 
 # Folds of the cross-validation; fewer places than the least cannot compare the estimates.
 _FOLDS = 5
 _LEAST_PLACES = 4
-
-# Weight of a normal's error of 1, and the error that is as good as none, in spacings.
-_NORMAL_ERROR = 0.25
-_ERROR_FLOOR = 0.02
 
 # The evidence of all places counts like that of this many near ones, less half a standard error.
 _PRIOR_PLACES = 3.0
@@ -38,6 +37,10 @@ _NO_WEIGHT, _FULL_WEIGHT = 0.1, 0.4
 # Distance between both estimates at which the sharp one begins to lose its weight, and has lost it,
 # in spacings: surface that is far from any smooth one is spurious.
 _NEAR, _FAR = 0.5, 1.0
+
+
+Smooth = GaussianProcessImplicitSurface | SmoothImplicitSurface
+"""The smooth part of a blend."""
 
 
 @made_by("from_contacts")
@@ -65,7 +68,7 @@ class BlendedImplicitSurface:
     """
 
     sharp: PatchImplicitSurface  #: the estimate with sharp edges
-    smooth: GaussianProcessImplicitSurface  #: the estimate without
+    smooth: Smooth  #: the estimate without
     places: FloatArray  #: (M, 3) [m], places of contacts
     log_ratios: FloatArray  #: (M,), mean log (error of smooth / error of sharp) at each place
 
@@ -86,15 +89,20 @@ class BlendedImplicitSurface:
         prepared = prepare_contacts(contacts, position_noise, normal_noise)
         sharp = PatchImplicitSurface.from_contacts(prepared)
         with_noise = prepared.with_noise(sharp.position_noise, sharp.normal_noise)
-        smooth = GaussianProcessImplicitSurface.from_contacts(with_noise)
-        places = prepared.places
+        bound = GaussianProcessImplicitSurface.from_contacts(with_noise)
+        smooth: Smooth = bound
+        places, normals = prepared.places, sharp.normals
         log_ratios = np.zeros(len(places.nodes))
         if len(places.nodes) >= _LEAST_PLACES:
             folds = (np.arange(len(places.nodes)) % _FOLDS)[places.place]
-            of_sharp = _log_errors(*_predict_left_out(sharp, folds), sharp)
-            of_smooth = _log_errors(*smooth.leave_groups_out(folds), sharp)
-            sums = np.bincount(places.place, of_smooth - of_sharp)
-            log_ratios = sums / np.bincount(places.place)
+            of_sharp = log_errors(_predict_left_out(sharp, folds), normals, places)
+            smoother = SmoothImplicitSurface.beside(bound, prepared)
+            of_smoother = log_errors(smoother.leave_groups_out(folds), normals, places)
+            if (of_smoother - of_sharp).mean() < _NO_WEIGHT:  # no object with edges
+                smooth, log_ratios = smoother, of_smoother - of_sharp
+            else:
+                of_smooth = log_errors(bound.leave_groups_out(folds), normals, places)
+                log_ratios = of_smooth - of_sharp
         return cls(sharp, smooth, sharp.points[places.nodes], log_ratios)
 
     @property
@@ -112,7 +120,7 @@ class BlendedImplicitSurface:
         rows, shape = flat_points(points)
         values = self.smooth.evaluate(rows)
         some, weights, differences = self._weights_and_differences(rows, values)
-        values[some] += weights * _agreement(differences, self.spacing)[0] * differences
+        values[some] += weights * self._agreement(differences)[0] * differences
         return values.reshape(shape)
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
@@ -122,7 +130,7 @@ class BlendedImplicitSurface:
         some, weights = self._weights(rows)
         sharp, sharp_gradients = self.sharp.value_and_gradient(rows[some])
         differences, steps = sharp - values[some], sharp_gradients - gradients[some]
-        agreement, fall = _agreement(differences, self.spacing)
+        agreement, fall = self._agreement(differences)
         # d(w v D) = w (v + v'(D) D) dD + v D dw
         gradients[some] += (weights * (agreement + fall * differences))[:, None] * steps
         gradients[some] += (agreement * differences)[:, None] * self._weight_slopes(rows[some])
@@ -137,10 +145,14 @@ class BlendedImplicitSurface:
         values = self.smooth.evaluate(rows)
         moments = self.smooth.uncertainty(rows) ** 2
         some, weights, differences = self._weights_and_differences(rows, values)
-        weights = weights * _agreement(differences, self.spacing)[0]
+        weights = weights * self._agreement(differences)[0]
         moments[some] += weights * (self.sharp.uncertainty(rows[some]) ** 2 - moments[some])
         moments[some] += weights * (1.0 - weights) * differences**2
         return np.sqrt(moments).reshape(shape)
+
+    def _agreement(self, differences: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return v, 1 where the estimates are close and 0 where far apart, and its derivative."""
+        return agreement(differences, _NEAR * self.spacing, _FAR * self.spacing)
 
     def _weights_and_differences(
         self, points: FloatArray, smooth: FloatArray
@@ -152,14 +164,14 @@ class BlendedImplicitSurface:
     def _weights(self, points: FloatArray) -> tuple[IndexArray, FloatArray]:
         """Return the points with w above 0, (Q,), and their w."""
         evidence = map_rows(lambda x: self._evidence(x)[0], points, len(self.places))
-        weights, _ = _smoothstep(evidence, _NO_WEIGHT, _FULL_WEIGHT)
+        weights, _ = smoothstep(evidence, _NO_WEIGHT, _FULL_WEIGHT)
         some = np.flatnonzero(weights > 0.0)
         return some, weights[some]
 
     def _weight_slopes(self, points: FloatArray) -> FloatArray:
         """Return the gradient of w at points, (P, 3)."""
         answers = map_rows(self._evidence_and_slopes, points, len(self.places))
-        _, rises = _smoothstep(answers[:, 0], _NO_WEIGHT, _FULL_WEIGHT)
+        _, rises = smoothstep(answers[:, 0], _NO_WEIGHT, _FULL_WEIGHT)
         return rises[:, None] * answers[:, 1:]
 
     def _evidence(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -187,18 +199,6 @@ class BlendedImplicitSurface:
         return np.column_stack([evidence, towards / (_SIGMA * self.spacing) ** 2])
 
 
-def _smoothstep(values: FloatArray, low: float, high: float) -> tuple[FloatArray, FloatArray]:
-    """Return 3 t^2 - 2 t^3, which rises from 0 at `low` to 1 at `high`, and its derivative."""
-    t = np.clip((values - low) / (high - low), 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t) / (high - low)
-
-
-def _agreement(differences: FloatArray, spacing: float) -> tuple[FloatArray, FloatArray]:
-    """Return v, 1 where the estimates are close and 0 where far apart, and dv / d(difference)."""
-    rises, slopes = _smoothstep(np.abs(differences), _NEAR * spacing, _FAR * spacing)
-    return 1.0 - rises, -slopes * np.sign(differences)
-
-
 def _predict_left_out(
     sharp: PatchImplicitSurface, folds: IndexArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -210,14 +210,3 @@ def _predict_left_out(
             sharp.points[left_out]
         )
     return values, gradients
-
-
-def _log_errors(
-    values: FloatArray, gradients: FloatArray, contacts: PatchImplicitSurface
-) -> FloatArray:
-    """Return the logarithm of each contact's prediction error in distance and normal, (N,)."""
-    slopes = np.linalg.norm(gradients, axis=1)
-    distances = np.abs(values) / np.maximum(slopes, 0.3) / contacts.spacing
-    units = gradients / np.maximum(slopes, 1e-9)[:, None]
-    tilts = np.linalg.norm(units - contacts.normals, axis=1)
-    return np.log(np.minimum(distances, 1.0) + _NORMAL_ERROR * tilts + _ERROR_FLOOR)

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import pdist
 from trimesh.graph import connected_component_labels
 
 from lis_grasp.contacts import Contacts
@@ -67,6 +68,12 @@ class PreparedContacts:
     def spacing(self) -> float:
         """Median distance between neighbouring contacts [m], or a default for a lone place."""
         return spacing_of(self.contacts)
+
+    @cached_property
+    def scale(self) -> float:
+        """Largest distance between two contacts [m]; the spacing of a lone place."""
+        largest = float(pdist(self.contacts.points).max(initial=0.0))
+        return largest if largest > resolution_of(self.contacts) else self.spacing
 
     @cached_property
     def bounds(self) -> FloatArray:

@@ -19,6 +19,7 @@ from lis_grasp.surfaces.gaussian_process_implicit_surface import GaussianProcess
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.local_implicit_surface import LocalImplicitSurface
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
+from lis_grasp.surfaces.smooth_implicit_surface import SmoothImplicitSurface
 
 Estimator = Callable[..., ImplicitSurface]
 """Makes a surface from `Contacts`; keywords give the sensor's noise and options."""
@@ -27,6 +28,7 @@ ESTIMATORS: Mapping[str, Estimator] = MappingProxyType(
     {
         "lis": LocalImplicitSurface.from_contacts,
         "gpis": GaussianProcessImplicitSurface.from_contacts,
+        "smooth": SmoothImplicitSurface.from_contacts,
         "patch": PatchImplicitSurface.from_contacts,
         "blend": BlendedImplicitSurface.from_contacts,
     }
@@ -115,8 +117,8 @@ def estimate(
     contacts
         Contacts of one object, in its frame O.
     estimator
-        "blend", "gpis", "lis", "patch", or a plug-in: its name, ``my.module:Class``, or what is
-        called with contacts.
+        "blend", "smooth", "gpis", "lis", "patch", or a plug-in: its name, ``my.module:Class``,
+        or what is called with contacts.
     free_space
         Whether the contacts' free space is removed from the estimate.
     margin

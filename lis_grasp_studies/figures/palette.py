@@ -28,6 +28,7 @@ ESTIMATORS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "lis": ("#0072b2", "LIS"),
         "lis_no_beta": ("#8cb8d9", "LIS, β = 1"),
         "lis_as_published": ("#cc79a7", "LIS, eq. 10 as published"),
+        "smooth": ("#d55e00", "smooth"),
         "patch": ("#56b4e9", "patch"),
         "blend": ("#009e73", "blend"),
         "hermite_rbf": ("#7a7a7a", "Hermite RBF"),

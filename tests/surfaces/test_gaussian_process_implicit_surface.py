@@ -26,7 +26,13 @@ from lis_grasp.surfaces import (
     _gaussian_process_regression,
 )
 from lis_grasp.surfaces._gaussian_process_regression import GradientRegression, gradient_covariance
-from lis_grasp.surfaces._kernels import Matern52, RadialKernel, SquaredExponential, ThinPlate
+from lis_grasp.surfaces._kernels import (
+    Matern52,
+    Matern72,
+    RadialKernel,
+    SquaredExponential,
+    ThinPlate,
+)
 from lis_grasp.surfaces.contact_places import (
     LONE_CONTACT_SPACING,
     ContactPlaces,
@@ -34,6 +40,7 @@ from lis_grasp.surfaces.contact_places import (
 )
 from lis_grasp_studies.test_objects.shape_sets import EVALUATION, graspable_shape
 
+ALL_KERNELS = [SquaredExponential(0.7), Matern52(0.7), Matern72(0.7), ThinPlate(3.0)]
 KERNELS = ["rbf", "matern52", "thin_plate"]
 NO_NOISE = {"position_noise": 0.0, "normal_noise": 0.0}
 ORACLE = Path(__file__).parents[1] / "oracles" / "gpytorch_posterior.json"
@@ -44,7 +51,7 @@ def sphere_contacts(count: int, radius: float = 0.05, seed: int = 0) -> Contacts
     return Contacts(radius * normals, normals)
 
 
-@pytest.mark.parametrize("kernel", [SquaredExponential(0.7), Matern52(0.7), ThinPlate(3.0)])
+@pytest.mark.parametrize("kernel", ALL_KERNELS)
 def test_kernel_derivatives_equal_differences(kernel: RadialKernel) -> None:
     r = np.linspace(0.05, 1.5, 40)
     h = 1e-4
@@ -55,7 +62,7 @@ def test_kernel_derivatives_equal_differences(kernel: RadialKernel) -> None:
     np.testing.assert_allclose(kernel.second(r), (curvature - slope / r) / r**2, atol=1e-4)
 
 
-@pytest.mark.parametrize("kernel", [SquaredExponential(0.7), Matern52(0.7), ThinPlate(3.0)])
+@pytest.mark.parametrize("kernel", ALL_KERNELS)
 def test_kernels_are_one_and_finite_at_distance_zero(kernel: RadialKernel) -> None:
     zero = np.zeros(1)
     assert kernel.value(zero)[0] == 1.0

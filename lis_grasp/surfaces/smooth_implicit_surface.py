@@ -1,0 +1,149 @@
+"""Smooth implicit surface: a Gaussian process with free gradient lengths, settings by contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.records import made_by, short_repr
+from lis_grasp.surfaces._cross_validation import log_errors
+from lis_grasp.surfaces._smoothstep import agreement
+from lis_grasp.surfaces.contact_preparation import PreparedContacts, prepare_contacts
+from lis_grasp.surfaces.gaussian_process_implicit_surface import (
+    MOST_FOR_SETTINGS,
+    GaussianProcessImplicitSurface,
+)
+from lis_grasp.surfaces.queries import flat_points
+from lis_grasp.typing import FloatArray, IndexArray
+
+# Length of the kernel in largest distances between two contacts, and whether it is stretched. The
+# first is the default: another is chosen if it predicts places that are left out better, by more
+# than a standard error.
+_CHOICES = ((0.8, False), (0.6, False), (0.8, True))
+_CAUTION = 1.0
+
+# Fewer places than this do not choose.
+_LEAST_PLACES = 4
+
+# Shared by all: normals bind the direction of gradients only.
+_SETTINGS: Mapping[str, Any] = MappingProxyType(
+    {"kernel": "matern72", "misfit": (0.0003, 0.02), "length_noise": 1.0}
+)
+
+# Distance from `gpis` at which the estimate begins to become that, and is that, in spacings.
+_NEAR, _FAR = 0.25, 0.5
+
+
+@made_by("from_contacts")
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothImplicitSurface:
+    """A Gaussian process for shapes without edges, smoother than `gpis`.
+
+    f = bound + v (free - bound)
+
+    The free process has a Matern 7/2 kernel, and at contacts only the direction of its gradient is
+    observed. Its length may vary: f need not be a distance. Length and anisotropy of the kernel are
+    those that predict left-out places best. Nothing that predicts contacts sees spurious surface
+    between them: v falls from 1 to 0 where the free process is a quarter to half a spacing from the
+    bound one, which is `gpis`.
+
+    Made by `from_contacts`. Near contacts f is about metric.
+
+    Examples
+    --------
+    >>> surface = SmoothImplicitSurface.from_contacts(contacts)
+    >>> bool(surface.evaluate([0.0, 0.0, 0.0]) < 0.0)  # inside
+    True
+    """
+
+    free: GaussianProcessImplicitSurface  #: the process whose gradients are of free length
+    bound: GaussianProcessImplicitSurface  #: that with gradients of length 1, `gpis`
+    spacing: float  #: of the places of contacts [m]
+
+    __repr__ = short_repr
+
+    @classmethod
+    def from_contacts(
+        cls,
+        contacts: Contacts | PreparedContacts,
+        *,
+        position_noise: float | None = None,
+        normal_noise: float | None = None,
+    ) -> SmoothImplicitSurface:
+        """Estimate the surface of an object from at least one contact.
+
+        Arguments and errors are those of `prepare_contacts`.
+        """
+        prepared = prepare_contacts(contacts, position_noise, normal_noise)
+        bound = GaussianProcessImplicitSurface.from_contacts(prepared)
+        return cls.beside(bound, prepared)
+
+    @classmethod
+    def beside(
+        cls, bound: GaussianProcessImplicitSurface, prepared: PreparedContacts
+    ) -> SmoothImplicitSurface:
+        """Return the estimate beside `gpis` of the same contacts."""
+        few = prepared.thinned(MOST_FOR_SETTINGS)
+        best, most, places = _CHOICES[0], 0.0, few.places
+        process = default = _free(few, best)
+        if len(places.nodes) >= _LEAST_PLACES:
+            normals = few.contacts.normals
+            errors = log_errors(default.leave_groups_out(places.place), normals, places)
+            for choice in _CHOICES[1:]:
+                other = _free(few, choice)
+                gains = errors - log_errors(other.leave_groups_out(places.place), normals, places)
+                clear = float(gains.mean() - _CAUTION * gains.std() / np.sqrt(len(gains)))
+                if clear > most:
+                    best, most, process = choice, clear, other
+        free = process if few is prepared else _free(prepared, best)
+        return cls(free, bound, prepared.places.spacing)
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Lowest and highest corner of the box in which the estimate is valid, shape (2, 3) [m]."""
+        return self.bound.bounds
+
+    def evaluate(self, points: npt.ArrayLike) -> FloatArray:
+        """Return f at points of shape (..., 3) [m], shape (...): below 0 inside, above outside."""
+        values = self.bound.evaluate(points)
+        differences = self.free.evaluate(points) - values
+        return np.asarray(values + self._agreement(differences)[0] * differences)
+
+    def gradient(self, points: npt.ArrayLike) -> FloatArray:
+        """Return the gradient of f at points of shape (..., 3) [m], shape (..., 3)."""
+        rows, shape = flat_points(points)
+        gradients = self.bound.gradient(rows)
+        differences = self.free.evaluate(rows) - self.bound.evaluate(rows)
+        near, fall = self._agreement(differences)
+        steps = self.free.gradient(rows) - gradients
+        return np.asarray(gradients + (near + fall * differences)[:, None] * steps).reshape(
+            *shape, 3
+        )
+
+    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
+        """Return one standard deviation of the surface along its normal, shape (...) [m].
+
+        That of the free process.
+        """
+        return self.free.uncertainty(points)
+
+    def leave_groups_out(self, groups: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """Return leave-group-out predictions of the free process at contacts, f and gradient."""
+        return self.free.leave_groups_out(groups)
+
+    def _agreement(self, differences: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return agreement(differences, _NEAR * self.spacing, _FAR * self.spacing)
+
+
+def _free(prepared: PreparedContacts, choice: tuple[float, bool]) -> GaussianProcessImplicitSurface:
+    """Return the free process with one of the choices."""
+    factor, stretch = choice
+    return GaussianProcessImplicitSurface.from_contacts(
+        prepared, length=factor * prepared.scale, stretch=stretch, **_SETTINGS
+    )

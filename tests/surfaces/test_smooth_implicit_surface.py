@@ -1,0 +1,104 @@
+"""The smooth estimate: what free gradient lengths and stretched kernels are for, and its guard."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from random_directions import random_directions
+
+from lis_grasp import shapes
+from lis_grasp.contacts import Contacts
+from lis_grasp.surfaces import (
+    BlendedImplicitSurface,
+    GaussianProcessImplicitSurface,
+    SmoothImplicitSurface,
+)
+from lis_grasp.surfaces._gaussian_process_regression import GradientRegression
+from lis_grasp.surfaces._kernels import Matern72
+
+
+def ellipsoid_contacts(axes: tuple[float, ...], count: int, seed: int = 0) -> Contacts:
+    directions = random_directions(count, np.random.default_rng(seed))
+    normals = directions / np.array(axes)
+    return Contacts(directions * axes, normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+def distance_of_zero_set(surface: object, axes: tuple[float, ...]) -> float:
+    """Return the root mean square distance of the true ellipsoid, to first order [m]."""
+    points = random_directions(400, np.random.default_rng(9)) * axes
+    slopes = np.linalg.norm(surface.gradient(points), axis=1)
+    return float(np.sqrt(np.mean((surface.evaluate(points) / slopes) ** 2)))
+
+
+def test_the_gradient_of_one_contact_has_the_length_of_the_closed_form() -> None:
+    # The slope at a contact is uncorrelated with its value: prior variance k_1 = 7 / (5 length^2),
+    # observed as 1 with variance misfit^2 + l^2 along the normal and misfit^2 across.
+    length, misfit, free = 0.8, 0.1, 0.7
+    normal = np.array([0.6, 0.0, 0.8])
+    process = GradientRegression.fit(
+        Matern72(length), np.zeros((1, 3)), np.array([[-1.0, *normal]]),
+        np.array([0.001, misfit, misfit, misfit]) ** 2, length_noise=free,
+    )  # fmt: skip
+    prior = 7.0 / (5.0 * length**2)
+    expected = prior / (prior + misfit**2 + free**2) * normal
+    np.testing.assert_allclose(process.mean.gradient(np.zeros((1, 3)))[0], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("axes", "count"), [((0.05, 0.05, 0.05), 12), ((0.1, 0.05, 0.03), 20), ((0.1, 0.04, 0.04), 40)]
+)
+def test_an_ellipsoid_is_at_least_a_third_closer_than_by_gpis(
+    axes: tuple[float, ...], count: int
+) -> None:
+    contacts = ellipsoid_contacts(axes, count)
+    ours, theirs = (
+        distance_of_zero_set(estimate.from_contacts(contacts), axes)
+        for estimate in (SmoothImplicitSurface, GaussianProcessImplicitSurface)
+    )
+    assert ours < theirs / 1.5
+
+
+def test_the_kernel_is_stretched_where_that_predicts_better() -> None:
+    long = SmoothImplicitSurface.from_contacts(ellipsoid_contacts((0.1, 0.03, 0.03), 40))
+    assert long.free.squeeze is not None
+    # In its own coordinates the ellipsoid is a ball: the eigenvalues are the ratios of its axes,
+    # to the scatter of moments of 40 places.
+    np.testing.assert_allclose(
+        np.linalg.eigvalsh(long.free.squeeze), [1.0, 10 / 3, 10 / 3], rtol=0.25
+    )
+
+
+def test_the_gradient_equals_differences_of_values_where_both_processes_mix() -> None:
+    surface = SmoothImplicitSurface.from_contacts(ellipsoid_contacts((0.1, 0.04, 0.03), 25))
+    points = np.random.default_rng(2).uniform(-0.12, 0.12, (400, 3))
+    apart = np.abs(surface.free.evaluate(points) - surface.bound.evaluate(points))
+    mixed = (apart > 0.25 * surface.spacing) & (apart < 0.5 * surface.spacing)
+    assert mixed.sum() > 20
+    step = 1e-6
+    differences = np.stack(
+        [
+            (surface.evaluate(points + m) - surface.evaluate(points - m)) / (2 * step)
+            for m in step * np.eye(3)
+        ],
+        axis=-1,
+    )
+    # Truncation step^2 f''' / 6 with f''' of some 1e6 / m^2 in v, rounding 1e-16 / step.
+    np.testing.assert_allclose(surface.gradient(points), differences, atol=1e-5)
+
+
+def test_far_from_every_contact_is_outside() -> None:
+    surface = SmoothImplicitSurface.from_contacts(ellipsoid_contacts((0.1, 0.04, 0.03), 12))
+    for distance in (0.3, 1.0, 30.0):
+        directions = random_directions(50, np.random.default_rng(1))
+        assert (surface.evaluate(distance * directions) > 0.0).all()
+
+
+def test_a_blend_takes_the_smooth_estimate_for_shapes_without_edges_only() -> None:
+    box = shapes.build("box", 0.2).mesh
+    chosen = np.random.default_rng(0).permutation(len(box.faces))[:60]
+    sharp = Contacts(box.triangles_center[chosen], box.face_normals[chosen])
+    for contacts, kind in (
+        (ellipsoid_contacts((0.1, 0.05, 0.04), 30), SmoothImplicitSurface),
+        (sharp, GaussianProcessImplicitSurface),
+    ):
+        assert type(BlendedImplicitSurface.from_contacts(contacts).smooth) is kind
