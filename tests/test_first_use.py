@@ -48,7 +48,7 @@ def test_contacts_are_sliced_joined_and_iterated() -> None:
     assert [one.fingers[0] for one in CONTACTS] == list("abcdef")
     assert len(CONTACTS[3].free_points) == 1
     assert (CONTACTS[:2] + CONTACTS[4:]).fingers == ("a", "b", "e", "f")
-    with pytest.raises(IndexError, match="no contact 6 of 6"):
+    with pytest.raises(IndexError, match="6"):
         CONTACTS[6]
     with pytest.raises(TypeError):
         CONTACTS + 1  # type: ignore[operator]
@@ -59,9 +59,9 @@ def test_contacts_are_read_in_their_unit(tmp_path: Path) -> None:
     Contacts(1e3 * CONTACTS.points, AXES).save(path)
     for read in (Contacts.load, lis_grasp.load_contacts):
         np.testing.assert_allclose(read(path, units="mm").points, CONTACTS.points)
-        with pytest.raises(InvalidContactsError, match=r"60 m apart.*mm \(then 60 mm\) would fit"):
+        with pytest.raises(InvalidContactsError, match=r"60 m .*\bmm\b"):
             read(path)
-        with pytest.raises(InvalidOptionError, match=r"must be one of m, cm, mm, inch"):
+        with pytest.raises(InvalidOptionError, match="m, cm, mm, inch"):
             read(path, units="km")
 
 
@@ -81,20 +81,20 @@ def test_an_estimate_is_that_of_the_pipeline() -> None:
     np.testing.assert_array_equal(
         surface.evaluate(points), pipeline.estimate(known, CONTACTS)[0].evaluate(points)
     )
-    with pytest.raises(InvalidOptionError, match="did you mean 'blend'"):
+    with pytest.raises(InvalidOptionError, match="'blend'"):
         lis_grasp.estimate(CONTACTS, "blendd")
-    with pytest.raises(TypeError, match="must be Contacts"):
+    with pytest.raises(TypeError, match="Contacts"):
         lis_grasp.estimate("contacts.ply")  # type: ignore[arg-type]
 
 
 def test_a_class_that_is_called_names_the_method_that_makes_one() -> None:
     for name in ("Blended", "GaussianProcess", "Local", "Patch"):
         estimate = getattr(lis_grasp, f"{name}ImplicitSurface")
-        with pytest.raises(TypeError, match=rf"write {name}ImplicitSurface\.from_contacts\("):
+        with pytest.raises(TypeError, match=rf"{name}ImplicitSurface\.from_contacts\("):
             estimate(CONTACTS)
         with pytest.raises(TypeError, match=r"\.from_contacts\("):
             estimate().fit(CONTACTS)
-    with pytest.raises(TypeError, match=r"write Hand\.load\('allegro'\)"):
+    with pytest.raises(TypeError, match=r"Hand\.load\('allegro'\)"):
         Hand("allegro")  # type: ignore[call-arg]
     assert isinstance(lis_grasp.estimate(CONTACTS, free_space=False), BlendedImplicitSurface)
 
@@ -110,7 +110,7 @@ def test_a_search_is_a_sequence_with_a_best_grasp(gripper: Hand, box: trimesh.Tr
     assert isinstance(search[-1], Grasp)
     assert search.best.pose is search.best.X_OH
     assert 0.0 < (search.best.success_probability or 0.0) <= 1.0
-    with pytest.raises(NoGraspError, match="among 7 candidates: collision 5, reach 2"):
+    with pytest.raises(NoGraspError, match="7.*collision 5.*reach 2"):
         GraspSearch((), {"reach": 2, "collision": 5}, 7).best  # noqa: B018
 
 
@@ -150,17 +150,17 @@ def test_the_two_ways_into_a_stage_name_each_other(gripper: Hand, box: trimesh.T
         ("run", "box", "results"),
         ("estimate", CONTACTS, "blend"),
     ):
-        with pytest.raises(TypeError, match=rf"lis_grasp\.{stage} takes objects"):
+        with pytest.raises(TypeError, match=rf"lis_grasp\.{stage}\b"):
             getattr(pipeline, stage)(first, second)
-    with pytest.raises(TypeError, match=r"of type Known. Records such as Known are for"):
+    with pytest.raises(TypeError, match=r"Known.*lis_grasp\.pipeline"):
         lis_grasp.plan(known, gripper)  # type: ignore[arg-type]
 
 
 def test_an_unknown_option_is_refused_with_the_nearest(tmp_path: Path) -> None:
     for call in (lis_grasp.explore, lis_grasp.plan, lis_grasp.run):
-        with pytest.raises(TypeError, match="no option 'frictoin': did you mean 'friction'"):
+        with pytest.raises(TypeError, match="'frictoin'.*'friction'"):
             call("box", frictoin=0.5)
-    with pytest.raises(TypeError, match="grasp must be a Grasp, such as search.best"):
+    with pytest.raises(TypeError, match="^grasp .*Grasp"):
         lis_grasp.lift("box", "wsg50", GraspSearch(()))  # type: ignore[arg-type]
 
 
@@ -189,11 +189,11 @@ def test_a_run_has_known_conditions_unless_those_of_the_command_are_given(
 
 
 def test_a_run_refuses_what_it_cannot_record(gripper: Hand, box: trimesh.Trimesh) -> None:
-    with pytest.raises(TypeError, match="records its object by name, and this is of type Trimesh"):
+    with pytest.raises(TypeError, match="object.*Trimesh"):
         lis_grasp.run(box)  # type: ignore[arg-type]
-    with pytest.raises(TypeError, match="records its hand by name, and this is of type Hand"):
+    with pytest.raises(TypeError, match="hand.*Hand"):
         lis_grasp.run("box", gripper)  # type: ignore[arg-type]
-    with pytest.raises(TypeError, match="run has no option 'output': did you mean 'folder'"):
+    with pytest.raises(TypeError, match="^run .*'output'.*'folder'"):
         lis_grasp.run("box", output="x")
 
 
@@ -209,17 +209,17 @@ def test_the_configuration_of_a_stage_names_its_hand_and_object(
 
 def test_an_option_that_a_stage_does_not_use_is_refused(box: trimesh.Trimesh) -> None:
     for stage, name in (("plan", "touches"), ("plan", "pose"), ("explore", "grasps")):
-        with pytest.raises(TypeError, match=f"{stage} does not use the option '{name}', but size"):
+        with pytest.raises(TypeError, match=f"^{stage} .*'{name}'.*size"):
             getattr(lis_grasp, stage)(box, "wsg50", **{name: 1})
     for load in ({"friction": 0.5}, {"mass": 0.1, "friction": 0.5}):
-        with pytest.raises(InvalidOptionError, match=f"leave out {' and '.join(sorted(load))}"):
+        with pytest.raises(InvalidOptionError, match=".*".join(sorted(load))):
             lis_grasp.plan(box, "wsg50", load="unknown", **load)
 
 
 def test_one_seed_is_given(box: trimesh.Trimesh) -> None:
-    with pytest.raises(TypeError, match="either rng or seed"):
+    with pytest.raises(TypeError, match="rng.*seed"):
         lis_grasp.plan(box, "wsg50", rng=1, seed=2)
-    with pytest.raises(TypeError, match=r"must be a seed or .*; it is None"):
+    with pytest.raises(TypeError, match="^rng .*None"):
         lis_grasp.explore(box, "wsg50", rng=None)  # type: ignore[arg-type]
 
 
@@ -231,10 +231,10 @@ def test_a_grasp_names_its_hand(
     for arguments in ((grasp,), (gripper, grasp), ("wsg50", grasp)):
         scenario, lifted = lis_grasp.lift(box, *arguments)
         assert (scenario.known.hand.name, lifted) == ("wsg50", grasp)
-    with pytest.raises(TypeError, match="lift does not use the option 'region'"):
+    with pytest.raises(TypeError, match="^lift .*'region'"):
         lis_grasp.lift(box, grasp, region=(0.2, 0.2, 0.2))
     for arguments in ((), ("wsg50",), (grasp, "wsg50")):
-        with pytest.raises(TypeError, match="grasp must be a Grasp, such as search.best"):
+        with pytest.raises(TypeError, match="^grasp .*Grasp"):
             lis_grasp.lift(box, *arguments)
 
 
@@ -242,7 +242,7 @@ def test_a_name_stands_for_an_object_or_is_answered() -> None:
     sphere = lis_grasp.shapes.find("sphere")
     for truth in ("sphere", sphere):
         assert lis_grasp.surface_error(sphere.mesh, truth, samples=100).rmsd < 1e-6
-    with pytest.raises(InvalidFileError, match=r"write shapes.find\('box'\)"):
+    with pytest.raises(InvalidFileError, match=r"shapes.find\('box'\)"):
         lis_grasp.shapes.load("box")
 
 
@@ -252,21 +252,21 @@ def test_a_name_stands_for_an_object_or_is_answered() -> None:
 @pytest.mark.parametrize(
     ("name", "advice"),
     [
-        ("LIS", r"write estimate\(contacts, 'lis'\)"),
-        ("gpis", r"write estimate\(contacts, 'gpis'\)"),
-        ("graspsearch", r"did you mean 'GraspSearch'"),
-        ("Contact", r"did you mean 'Contacts'"),
-        ("load", r"write load_contacts\(path\)"),
-        ("plan_grasps", r"write plan\(mesh, hand\)"),
-        ("load_results", r"write Run\.load\(folder\)"),
-        ("evaluation", r"write import lis_grasp\.evaluation"),
+        ("LIS", r"estimate\(contacts, 'lis'\)"),
+        ("gpis", r"estimate\(contacts, 'gpis'\)"),
+        ("graspsearch", r"'GraspSearch'"),
+        ("Contact", r"'Contacts'"),
+        ("load", r"load_contacts\(path\)"),
+        ("plan_grasps", r"plan\(mesh, hand\)"),
+        ("load_results", r"Run\.load\(folder\)"),
+        ("evaluation", r"import lis_grasp\.evaluation"),
     ],
 )
 def test_a_guessed_name_is_answered(
     name: str, advice: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delattr(lis_grasp, name, raising=False)  # set by an import elsewhere
-    with pytest.raises(AttributeError, match=f"no attribute '{name}': {advice}"):
+    with pytest.raises(AttributeError, match=f"'{name}'.*{advice}"):
         getattr(lis_grasp, name)
 
 
