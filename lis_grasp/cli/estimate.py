@@ -16,8 +16,6 @@ from lis_grasp.pipeline.file_stages import estimate_file, millimetres
 from lis_grasp.shapes import UNITS
 from lis_grasp.surfaces.contact_loading import NormalSide
 
-_OPTIONS = ("estimator", "free_space", "position_noise", "normal_noise")
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
@@ -49,7 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=get_args(NormalSide),
         help="side that the normals of CONTACTS point to (default: outward, which is checked)",
     )
-    opt.add_options(parser, *_OPTIONS, recorded=True)
+    names = ("estimator", "free_space", "position_noise", "normal_noise")
+    opt.add_options(parser, *names, recorded=True)
     opt.add_output(parser, "the folder of CONTACTS")
     parser.set_defaults(execute=execute)
 
@@ -67,7 +66,7 @@ def execute(options: argparse.Namespace) -> None:
         ContactSource(path, options.units, options.normals, *noise, radius)
         for path, radius in zip(paths, radii, strict=True)
     ]
-    used = opt.given(options, *_OPTIONS)
+    used = opt.given(options, "estimator", "free_space")
     made = estimate_file(sources, options.output, progress=PRINTED, **used)
     uncertainty = np.median(made.mesh.vertex_attributes["uncertainty"])
     say(

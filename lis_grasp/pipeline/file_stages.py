@@ -93,8 +93,8 @@ def estimate_file(
 
     Its contacts are written beside it if the folder lacks them, and files that were made from an
     earlier surface are removed. The folder is that of the first file for None. The options are
-    ``estimator``, ``free_space``, ``position_noise`` [m] and ``normal_noise`` [rad]; those that are
-    missing or None are as recorded in the files, else as in `RunConfig`.
+    ``estimator`` and ``free_space``; those that are missing or None are as recorded in the files,
+    else as in `RunConfig`.
 
     Raises `InvalidContactsError` if there are no contacts, `InvalidOptionError` if the folder has
     others that must be kept, `TypeError` for another option.
@@ -108,12 +108,13 @@ def estimate_file(
     >>> made.path.name, made.mesh.is_watertight
     ('surface.ply', True)
     """
-    require_used(estimate_file, options, ("estimator", "free_space", *NOISE))
+    require_used(estimate_file, options, ("estimator", "free_space"))
     paths = [Path(source.path) for source in sources]
     contacts, recorded = _load_sources(sources)
     if not len(contacts):
         raise InvalidContactsError(f"{paths[0]} has no contacts: add at least one row")
-    config = RunConfig.from_facts({"estimator": None, **options}, recorded)
+    noise = {n: getattr(sources[0], n) for n in NOISE if len({getattr(s, n) for s in sources}) == 1}
+    config = RunConfig.from_facts({"estimator": None, **noise, **options}, recorded)
     known = Perception.from_config(config, recorded.get("support_height"))
     folder = paths[0].parent if folder is None else folder
     is_kept = _require_contacts_fit(folder, contacts, paths)

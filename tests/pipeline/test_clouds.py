@@ -16,6 +16,7 @@ from lis_grasp.exploration import TactileSensor, load_outcomes
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.pipeline import ContactSource, RunConfig
 from lis_grasp.pipeline.contact_sources import join_sources, load_source
+from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.stages import make_estimator
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
@@ -168,3 +169,10 @@ def test_a_missing_cloud_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> 
     message = capsys.readouterr().err
     assert "absent.ply" in message
     assert message.count("\n") == 1
+
+
+def test_the_noise_of_a_source_is_that_of_its_surface(tmp_path: Path) -> None:
+    box_cloud(30, top=False).save(tmp_path / "contacts.ply")
+    source = ContactSource(tmp_path / "contacts.ply", position_noise=0.002)
+    made = pipeline.estimate_file([source], tmp_path / "noisy", estimator="gpis")
+    assert read_facts(made.path)["position_noise"] == 0.002
