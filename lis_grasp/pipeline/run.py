@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import Exploration
+from lis_grasp.exploration.workspace import lowest_tip
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.lifting.arm_use import ArmUse
@@ -84,7 +85,7 @@ def run(
             exploration = explore_into(
                 folder, scenario, progress=progress, fresh=fresh, arm_use=arm_use
             )
-            contacts = _contacts(folder, exploration)
+            contacts = _contacts(folder, exploration, scenario)
         (folder / "motion.npz").unlink(missing_ok=True)
         after = scenario.after(exploration)
         stages = StoredStages(folder, watch, progress)
@@ -100,11 +101,18 @@ def run(
     return Run.load(folder)
 
 
-def _contacts(folder: Path, exploration: Exploration) -> Contacts:
+def _contacts(folder: Path, exploration: Exploration, scenario: Scenario) -> Contacts:
     contacts = Contacts.load(folder / "contacts.ply")
-    if not len(contacts):
-        raise EstimationError(
-            f"no contact was made in {len(exploration.outcomes)} probes, so that there is nothing"
-            " to estimate: check that the region contains the object and that the hand gets there"
+    if len(contacts):
+        return contacts
+    height, lowest = float(scenario.truth.shape.mesh.extents[2]), lowest_tip(0.0)
+    why = "check that the region contains the object and that the hand gets there"
+    if scenario.config.region is not None and height < 1.001 * lowest:  # STL is in single precision
+        why = (
+            f"the object is {1e3 * height:.2g} mm high, and fingertips that search for it stay"
+            f" {1e3 * lowest:.2g} mm above the table: an object so thin must be at a known place"
         )
-    return contacts
+    raise EstimationError(
+        f"no contact was made in {len(exploration.outcomes)} probes, so that there is nothing to"
+        f" estimate: {why}"
+    )

@@ -13,10 +13,10 @@ import trimesh
 from lis_grasp import shapes
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import Exploration
 from lis_grasp.io import provenance
-from lis_grasp.pipeline import RunConfig, Scenario, estimate, touch
+from lis_grasp.pipeline import RunConfig, Scenario, estimate, run, touch
 from lis_grasp.pipeline.conditions import IDEAL_SENSOR, UNKNOWN
 from lis_grasp.pipeline.report_json import exploration_facts
 from lis_grasp.pipeline.stages import make_prober
@@ -89,6 +89,15 @@ def test_a_ruler_of_4_mm_is_touched_along_its_whole_length() -> None:
     contacts = touch(on_table).contacts
     along = contacts.points @ on_table.truth.X_WO[:3, 0]
     assert np.ptp(along) > 0.2
+
+
+@pytest.mark.slow
+def test_an_object_below_the_fingertips_that_search_for_it_is_named(tmp_path: Path) -> None:
+    card = trimesh.creation.box((0.0856, 0.054, 0.0008))
+    card.export(tmp_path / "card.stl")
+    config = RunConfig(**UNKNOWN, object=str(tmp_path / "card.stl"), hand="wsg50", touches=10)
+    with pytest.raises(EstimationError, match=r"0.8 mm high, and fingertips .* stay 1.5 mm above"):
+        run(config, folder=tmp_path / "card")
 
 
 @pytest.mark.slow
