@@ -22,7 +22,7 @@ from lis_grasp.io._gltf import require_readable_gltf
 from lis_grasp.io._mesh_archives import Stated, plain_dae, read_3mf
 from lis_grasp.io._mesh_text import plain_obj, read_off, read_ply_polygons, read_stl
 from lis_grasp.io._polygons import as_triangles
-from lis_grasp.io.content_kinds import named_by_content
+from lis_grasp.io.content_kinds import named_by_content, require_kind
 from lis_grasp.io.limits import MEBIBYTE, announced_rows, reading
 from lis_grasp.typing import FloatArray, IntArray
 
@@ -103,6 +103,8 @@ def read_mesh(
         for array in (mesh.vertices, mesh.faces):
             if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
                 raise ValueError("its rows are not of three numbers")
+        if not len(mesh.faces):
+            require_kind(path)
         return MeshFile(mesh, *stated)
 
 

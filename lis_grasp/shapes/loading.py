@@ -15,7 +15,6 @@ from lis_grasp.exceptions import (
     nearest_of,
 )
 from lis_grasp.io.contact_files import POINT_FORMATS
-from lis_grasp.io.content_kinds import require_kind
 from lis_grasp.io.mesh_files import TO_Z_UP, MeshFile, read_mesh
 from lis_grasp.io.surface_files import no_faces_error
 from lis_grasp.io.units import LARGEST, SMALLEST, UNITS, chosen_unit, unit_name
@@ -169,7 +168,6 @@ def _read(
     read = read_mesh(path, FORMATS)
     faces = np.array(read.mesh.faces, dtype=np.int64).reshape(-1, 3)
     if not len(faces):
-        require_kind(path)
         raise no_faces_error(path)
     if faces.min() < 0 or faces.max() >= len(read.mesh.vertices):
         raise InvalidFileError(
