@@ -192,8 +192,7 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, config: RunConfig) -
         else:
             address = options.socket if options.port is None else options.port
             serve_socket(service.answer, address, lambda name: say(f"ready: {name}"))
-    held = " --support none" if place.held else ""
-    complain(f"next: lis-grasp next {path}{held} --serve")
+    complain(f"next: the same command with {path} as CONTACTS goes on")
 
 
 @contextmanager

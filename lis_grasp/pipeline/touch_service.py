@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidInputError
+from lis_grasp.exceptions import InvalidInputError, LisGraspError
 from lis_grasp.exploration import (
     ExplorationSetup,
     ExplorationState,
@@ -128,7 +128,7 @@ class TouchService:
         Raises
         ------
         LisGraspError
-            If the request is not valid, or cannot be carried out.
+            If the request is not valid, or cannot be carried out; nothing has changed then.
         """
         kind = content.get("request", "next")
         if not isinstance(kind, str) or kind not in _REQUESTS:
@@ -150,21 +150,24 @@ class TouchService:
         return known, touch_setup(known, self.before)
 
     def _next(self, request: NextRequest) -> dict[str, Any]:
-        if request.model_fields_set - {"request", "id"}:
+        reports = bool(request.model_fields_set - {"request", "id"})
+        if reports:
             outcome = self._outcome(request)
             self.log.append(outcome)
             setup = self._setup(Workspace(1.0, np.zeros(3), 1.0))[1]
             self._state, self._touch = advance(setup, self._state, outcome), None
         contacts = self._state.known
-        if self._touch is None:
-            known, setup = self._setup(self.place.space(contacts))
-            self._touch = next_touch_after(known, setup, self._state)
+        try:
+            if self._touch is None:
+                known, setup = self._setup(self.place.space(contacts))
+                self._touch = next_touch_after(known, setup, self._state)
+        except LisGraspError as error:
+            if not reports:
+                raise
+            return {"ok": False, "error": str(error), "recorded": True, "contacts": len(contacts)}
         doubt = self.place.doubt(contacts)
-        return {
-            **self._touch.facts(self.hand),
-            "contacts": len(contacts),
-            **({"warning": doubt} if doubt else {}),
-        }
+        facts = {**self._touch.facts(self.hand), "contacts": len(contacts)}
+        return facts | ({"warning": doubt} if doubt else {})
 
     def _outcome(self, request: NextRequest) -> ProbeOutcome:
         points = np.array(request.points, dtype=np.float64).reshape(-1, 3)
@@ -205,6 +208,8 @@ class TouchService:
         facts = {name: value for name, value in self.log.facts.items() if name != "cloud"}
         table = self.place.table(contacts)
         facts |= {} if table is None else {"support_height": table}
+        if self.place.support is not None:
+            facts["free"] = True  # on a table, which closes the estimate from below
         with result_file(path) as temporary:
             contacts.save(temporary, header=provenance.describe(**facts))
         made = estimate_file([ContactSource(path, normals="outward")])

@@ -57,7 +57,7 @@ def test_each_touch_is_that_of_the_command_with_the_log(tmp_path: Path) -> None:
     assert touch["contacts"] > 5
     surface = service.answer({"request": "estimate"})
     grasps = service.answer({"request": "grasp", "grasps": 2, "friction": 0.9})
-    assert surface["extents"] == pytest.approx(BOX.extents.tolist(), rel=0.3)
+    assert surface["extents"] == pytest.approx(BOX.extents.tolist(), rel=0.15)
     assert len(grasps["grasps"]) <= 2
     assert json.loads((tmp_path / "grasps.json").read_text())["grasps"] == grasps["grasps"]
     names = {"touches.jsonl", "contacts.ply", "surface.ply", "grasps.json"}
@@ -80,8 +80,9 @@ def test_contacts_that_nobody_asked_for_begin_an_exploration(tmp_path: Path) -> 
     service = _service(tmp_path, place=place)
     with pytest.raises(LisGraspError, match="need normals"):
         service.answer({"points": [[0.03, 0.0, 0.0]]})
-    with pytest.raises(LisGraspError, match="`size`"):
-        service.answer({"points": [[0.03, 0.0, 0.0]], "normals": [[1, 0, 0]]})
+    lone = service.answer({"points": [[0.03, 0.0, 0.0]], "normals": [[1, 0, 0]]})
+    assert (lone["ok"], lone["recorded"], lone["contacts"]) == (False, True, 1)
+    assert "`size`" in lone["error"]
     more = {"points": [[-0.03, 0.01, 0.0], [0.0, 0.0, 0.03]], "normals": [[-1, 0, 0], [0, 0, 1]]}
     assert service.answer(more)["contacts"] == 3
     assert "warning" not in service.answer({})
