@@ -34,6 +34,9 @@ from lis_grasp.shapes import STABLE
 from lis_grasp.surfaces import load_contacts
 from lis_grasp.typing import FloatArray
 
+_NOISE = ("position_noise", "normal_noise")
+_OPTIONS = ("hand", "estimator", "policy", *_NOISE, "obstacles", "seed")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
@@ -77,8 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="lengths [m] of the box on the table z = 0 that contains the object, centred at"
         " x = y = 0; replaces --center, --size and --support (default: as recorded, without these)",
     )
-    names = ("hand", "estimator", "policy", "position_noise", "normal_noise", "seed")
-    opt.add_options(parser, *names, recorded=True)
+    opt.add_options(parser, *_OPTIONS, recorded=True)
     parser.add_argument(
         "--output",
         type=Path,
@@ -173,8 +175,7 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, config: RunConfig) -
     if source is not None and source.resolve() == (folder / "contacts.ply").resolve():
         message = f"{source} would be replaced: name another folder with --output"
         raise InvalidOptionError(message, option="--output", value=str(folder))
-    names = ("hand", "estimator", "policy", "position_noise", "normal_noise", "seed")
-    facts = {name: getattr(config, name) for name in names}
+    facts = {name: getattr(config, name) for name in _OPTIONS}
     if place.region is not None:
         facts |= {"region": list(place.region), "pose": STABLE}
     if place.support is not None:

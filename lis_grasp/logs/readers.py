@@ -214,6 +214,7 @@ def open_log(path: Path) -> RobotLog:
     if path.is_dir() or ending in (".bag", ".mcap", ".db3"):
         return BagLog(path)
     raise InvalidFileError(
-        f"logs end in .bag, .mcap, .db3 or .csv, or are folders of ROS 2; {path} is none of these",
+        "logs end in .bag, .mcap, .db3 or .csv, or are folders of ROS 2, and tactile patches end in"
+        f" .npz; {path} is none of these",
         path=path,
     )

@@ -183,7 +183,8 @@ def touch_setup(known: Known, contacts: Contacts) -> ExplorationSetup:
 
 def next_touch_after(known: Known, setup: ExplorationSetup, state: ExplorationState) -> NextTouch:
     """Return the next touch in a state of an exploration; see `next_touch`."""
-    hand, planner, rng = known.hand, ApproachPlanner(known.hand), exploration_rng(known)
+    hand, rng = known.hand, exploration_rng(known)
+    planner = ApproachPlanner(hand, obstacles=known.obstacles)
     rng.spawn(len(state.outcomes) or len(state.prior))  # the generators of the probes so far
     blocked = 0
     while blocked < _MOST_BLOCKED:

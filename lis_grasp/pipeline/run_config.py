@@ -256,7 +256,8 @@ class RunConfig:
     obstacles: str | None = option(
         None,
         "mesh file [m] of what hand and arm must not hit on the approach and in the lift, such as a"
-        " shelf or a bin, in the frame of the grasps; it may be open, and it is not simulated",
+        " shelf or a bin, in the frame of contacts and grasps; it may be open, and is not"
+        " simulated",
         GRASPING,
         metavar="FILE",
     )

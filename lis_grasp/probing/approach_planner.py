@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import trimesh
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
@@ -16,6 +17,7 @@ from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, make_pose, tangent_frame
 from lis_grasp.records import Record
+from lis_grasp.robots.collision import checker_of
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import ProbePosture
 from lis_grasp.typing import BoolArray, FloatArray
@@ -98,10 +100,18 @@ class ApproachPlanner:
     With a `station`, the approach and the probe's motion have to be within its arm's reach. Then
     fingers tilted by 15 and 30 degrees, and those turned down, are tried before oblique ones. Only
     fingertips are to touch: other links keep out of the estimated object, and off it where the arm
-    can (`KeepOut`). Probes are in its frame W.
+    can (`KeepOut`). Probes are in its frame W. The hand keeps off `obstacles`, a mesh [m] in the
+    frame of the probes, on the approach and on the probe's whole motion.
     """
 
-    def __init__(self, hand: Hand, station: Station | None = None) -> None:
+    def __init__(
+        self,
+        hand: Hand,
+        station: Station | None = None,
+        *,
+        obstacles: trimesh.Trimesh | None = None,
+    ) -> None:
+        self._checker = None if obstacles is None else checker_of(hand, obstacles)
         self._reach = None if station is None else ProbeReach(station)
         self._axes = _OBLIQUE if station is None else np.vstack([_TILTED, _OBLIQUE])
         if not hand.probe_postures:
@@ -148,7 +158,8 @@ class ApproachPlanner:
                 for k in np.flatnonzero(~_collides(points, obstacles)):
                     back = np.arange(_POSE_SPACING, distance + _POSE_SPACING, _POSE_SPACING)
                     offsets = np.minimum(back, distance)[:, None, None] * axis  # (S, 1, 3)
-                    if not _collides(points[k] - offsets, obstacles).any():
+                    clear = not _collides(points[k] - offsets, obstacles).any()
+                    if clear and not self._hits_obstacle(rolled[k], probe):
                         if keep_out is None:
                             return rolled[k]
                         level = self._nearness(rolled[k], probe, keep_out)
@@ -161,6 +172,18 @@ class ApproachPlanner:
             if (reached := self._reached(near, probe, obstacles)) is not None:
                 return reached
         return None
+
+    def _hits_obstacle(self, approach: Approach, probe: Probe) -> bool:
+        """Return whether the hand hits an obstacle on the approach or on the probe's motion."""
+        if self._checker is None:
+            return False
+        back = np.arange(-approach.distance, 0.0, _POSE_SPACING)[:, None] * approach.axis
+        length = probe.standoff + probe.overshoot
+        ahead = np.append(np.arange(0.0, length, _POSE_SPACING), length)[:, None] * probe.direction
+        path = np.repeat(approach.X_OH[None], len(back) + len(ahead), axis=0)
+        path[:, :3, 3] += np.vstack([back, ahead])
+        q = approach.posture.joint_positions
+        return bool(self._checker.hit_obstacle(path[None], q[None])[0])
 
     def _nearness(self, approach: Approach, probe: Probe, keep_out: KeepOut) -> int:
         """Return how near the links that are no fingertips come to the estimate on the motion."""

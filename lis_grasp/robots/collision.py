@@ -285,11 +285,11 @@ class _Obstacles:
         return any(inside.any_inside(points) for inside in self._insides)
 
 
-def checker_of(hand: Hand) -> HandCollisionChecker:
-    """Return a checker for collisions of a hand with itself alone."""
+def checker_of(hand: Hand, obstacles: trimesh.Trimesh | None = None) -> HandCollisionChecker:
+    """Return a checker for collisions of a hand with itself, and with obstacles, alone."""
     far_away = trimesh.creation.box(extents=[1e-3] * 3)
     far_away.apply_translation([0.0, 0.0, 1e3])
-    return HandCollisionChecker(hand, far_away)
+    return HandCollisionChecker(hand, far_away, obstacles=obstacles)
 
 
 def _point_of(geometry: LinkGeometry) -> FloatArray:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from lis_grasp import Contacts, Hand, pipeline, shapes
 from lis_grasp.cli.main import main
@@ -155,3 +156,33 @@ def test_without_a_table_the_hand_stays_above_the_lowest_contact(
             assert lowest > 0.02 - 0.0075
     assert main(["next", str(path), "--support", "none"]) == 0
     assert "no table" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["allegro", "wsg50"])
+def test_the_hand_keeps_off_obstacles_on_its_approach_and_motion(
+    name: str, explored: Exploration, tmp_path: Path
+) -> None:
+    # A wall 2 cm behind the object: some touches from there, the others not.
+    hand, contacts = Hand.load(name), explored.contacts
+    wall = trimesh.creation.box(extents=[0.01, 2.0, 2.0])
+    face = float(contacts.bounds[0, 0]) - 0.02
+    wall.apply_translation([face - 0.005, 0.0, 0.0])
+    wall.export(tmp_path / "wall.stl")
+    space, hits = ObjectPlace(held=True).space(contacts), 0
+    for seed in range(6):
+        for obstacles in (None, str(tmp_path / "wall.stl")):
+            config = pipeline.RunConfig(policy="random", seed=seed, obstacles=obstacles)
+            found = next_touch(pipeline.Known.for_hand(config, hand, space, 0.0), contacts)
+            end, path = np.array(found.approach.X_OH), [found.approach.X_OH_outside]
+            end[:3, 3] += found.probe.end - found.probe.start
+            lowest = np.inf
+            for X_OH in (*path, found.approach.X_OH, end):
+                links = hand.forward_kinematics(X_OH, found.approach.posture.joint_positions)
+                for g in hand.link_geometries:
+                    points = trimesh.transform_points(g.mesh.vertices, links[g.link] @ g.X_LG)
+                    lowest = min(lowest, float(points[:, 0].min()))
+            if obstacles is None:
+                hits += lowest < face
+            else:
+                assert lowest >= face - 1e-4
+    assert hits > 0
