@@ -37,12 +37,14 @@ def main() -> None:
     ):
         touch = ask(service, request="next")
         while touch["contacts"] < 20:
-            felt = ask(robot, **touch)  # a robot moves its hand to X_OH, and then from start to end
-            if felt["points"]:
-                report = {"points": felt["points"], "normals": felt["normals"]}
+            measured = ask(
+                robot, **touch
+            )  # a robot moves its hand to X_OH, and then from start to end
+            if measured["points"]:
+                report = {"points": measured["points"], "normals": measured["normals"]}
             else:
                 report = {"status": "missed"}
-            touch = ask(service, request="next", free_points=felt["free"], **report)
+            touch = ask(service, request="next", free_points=measured["free"], **report)
         surface = ask(service, request="estimate")
         grasps = ask(service, request="grasp", grasps=3)["grasps"]
     print(f"{touch['contacts']} contacts; extents {surface['extents']} m; {len(grasps)} grasps")
