@@ -57,7 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         nargs=3,
         metavar=("X", "Y", "Z"),
-        help="centre of the object [m] (default: that of the contacts)",
+        help="centre of the object [m] (default: that of the contacts; without contacts, half the"
+        " size above the table at x = y = 0)",
     )
     parser.add_argument(
         "--size",
@@ -193,7 +194,8 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, config: RunConfig) -
         else:
             address = options.socket if options.port is None else options.port
             serve_socket(service.answer, address, lambda name: say(f"ready: {name}"))
-    complain(f"next: the same command with {path} as CONTACTS goes on")
+    if path.exists():
+        complain(f"next: the same command with {path} as CONTACTS goes on")
 
 
 @contextmanager

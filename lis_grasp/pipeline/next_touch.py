@@ -81,7 +81,8 @@ class ObjectPlace:
     Parameters
     ----------
     center
-        Shape (3,) [m], centre of the object; None for that of the contacts.
+        Shape (3,) [m], centre of the object; None for that of the contacts, and without contacts
+        for the origin, or half the size above the table.
     size
         Largest extent of the object [m]; None for 1.2 extents of the contacts.
     support
@@ -142,11 +143,15 @@ class ObjectPlace:
             )
         if self.size is not None:
             require_positive(size=self.size)
-        center = np.zeros(3) if self.center is None else np.array(self.center)
-        if self.center is None and len(contacts):
-            center = contacts.bounds.mean(axis=0)
         size = _BEYOND_CONTACTS * contacts.extent if self.size is None else self.size
-        return Workspace(STEP_FRACTION * size, center, size, self.table(contacts))
+        table = self.table(contacts)
+        if self.center is not None:
+            center = np.array(self.center)
+        elif len(contacts):
+            center = contacts.bounds.mean(axis=0)
+        else:
+            center = np.array([0.0, 0.0, 0.0 if table is None else table + 0.5 * size])
+        return Workspace(STEP_FRACTION * size, center, size, table)
 
 
 def next_touch(

@@ -78,6 +78,12 @@ def test_without_contacts_the_size_is_needed() -> None:
     found = next_touch(known(Hand.load("allegro"), space), Contacts.empty())
     assert found.distance is None
     assert "no contacts" in found.why()
+    for seed in range(5):  # on a table, the first touch is above it
+        standing = ObjectPlace(size=0.1, support=0.3).space(Contacts.empty())
+        config = pipeline.RunConfig(seed=seed)
+        first = pipeline.Known.for_hand(config, Hand.load("allegro"), standing, 0.0)
+        probe = next_touch(first, Contacts.empty()).probe
+        assert min(probe.start[2], probe.target[2]) > 0.3
 
 
 def test_a_place_that_cannot_be_approached_is_one_sentence(explored: Exploration) -> None:
