@@ -178,7 +178,8 @@ def _read(
         message = f"up must be {read.up}, as {path} or its format states; it is {up}: leave it out"
         raise InvalidOptionError(message, option="up", value=up)
     axis = up or read.up or "z"
-    vertices = np.array(read.mesh.vertices, dtype=np.float64) @ TO_Z_UP[axis].T
+    with np.errstate(invalid="ignore"):  # vertices that are not finite are refused later
+        vertices = np.array(read.mesh.vertices, dtype=np.float64) @ TO_Z_UP[axis].T
     changes = [f"scaled from {unit_name(metres)} to metres"] if read.metres and metres != 1 else []
     changes += [f"turned from {axis} up to z up"] if read.up and axis != "z" else []
     return read, vertices, faces, metres, tuple(f"{c}, as the file states" for c in changes)

@@ -455,10 +455,11 @@ def test_a_flat_sheet_is_refused(tmp_path: Path, copies: int) -> None:
     assert str(path) in str(caught.value)
 
 
-def test_vertices_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("damage", [np.nan, np.inf])
+def test_vertices_that_are_no_numbers_are_refused(tmp_path: Path, damage: float) -> None:
     mesh = block()
     vertices = np.array(mesh.vertices)
-    vertices[3, 1] = np.nan
+    vertices[3, 1] = damage
     path = write_faces(vertices, mesh.faces, tmp_path / "nan.off")
     with pytest.raises((InvalidMeshError, InvalidFileError), match="finite|cannot be read"):
         shapes.load(path)
