@@ -64,6 +64,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     opt.add_jobs(parser)
     opt.add_options(parser, "units", "up")
     opt.add_options(parser, *PLANNED_WITH, recorded=True)
+    parser.add_argument(
+        "--count", dest="grasps", type=int, metavar="N", help="the same as --grasps"
+    )
     opt.add_output(parser, "the folder of MESH")
     parser.set_defaults(execute=execute)
 

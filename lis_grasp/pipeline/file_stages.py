@@ -245,6 +245,8 @@ def lifting_of(path: Path, options: Mapping[str, Any], progress: Progress) -> Li
     poses = {**recorded, "X_EA": recorded_base(options, recorded)}
     scenario = Scenario.from_config(config, recorded=poses)
     _say_repairs(scenario.truth.shape, progress)
+    if config.obstacles is not None:
+        progress.say("the lift is simulated without the obstacles")
     require_simulator(config.simulator, scenario.truth.shape)
     surface = path.with_name("surface.ply")
     needs_estimate = scenario.known.station is not None and surface.exists()
