@@ -15,23 +15,8 @@ def epsilon_on_truth(grasp: Grasp, truth: trimesh.Trimesh, hand: Hand, *, fricti
 
     Each finger moves along the line of its planned contact normal until it meets the true surface
     (the crossing nearest to the planned contact); where the line misses the object, the contact is
-    lost. Origin, length scale and contact model are those of `epsilon_on`, on the true object.
-
-    Parameters
-    ----------
-    grasp
-        A grasp planned on an estimate of `truth`, contacts in O [m].
-    truth
-        The true object, watertight, in O [m].
-    hand
-        The hand that grasps.
-    friction
-        Coulomb friction coefficient.
-
-    Returns
-    -------
-    float
-        Epsilon of the true contacts; 0 where fewer than two fingers meet the object.
+    lost. Origin, length scale and contact model are those of `epsilon_on`, on the true object,
+    which is watertight and in O [m]. The result is 0 where fewer than two fingers meet it.
     """
     points, normals = true_contacts(grasp, truth)
     if len(points) < 2:

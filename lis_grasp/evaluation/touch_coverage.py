@@ -55,30 +55,10 @@ def reachable_coverage(
     """Return the fraction of the reachable true area, 0 to 1, within a radius of a contact.
 
     Reachable is a point at which a ball as large as the fingertip touches the object from outside,
-    without crossing it or the table. Whether the rest of the hand fits is not asked.
-
-    Parameters
-    ----------
-    mesh
-        The true object in O [m], closed and outward.
-    contacts
-        In O.
-    tip_radius
-        Radius of the fingertip [m].
-    radius
-        Largest distance to a contact on the point's side [m], mostly `touch_radius`.
-    support_height
-        Height of a table in O [m]; None without one.
-
-    Returns
-    -------
-    float or None
-        None if no point is reachable.
-
-    Raises
-    ------
-    InvalidOptionError
-        If a radius is not positive.
+    without crossing it or the table. Whether the rest of the hand fits is not asked. The true
+    object is closed and outward, in O [m], as are contacts and the height of a table. Contacts
+    count on a point's side within a `radius` [m], mostly `touch_radius`. None if no point is
+    reachable. Raises `InvalidOptionError` if a radius is not positive.
     """
     require_positive(tip_radius=tip_radius, radius=radius)
     points, normals = _sampled(mesh)

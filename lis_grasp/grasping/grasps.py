@@ -197,21 +197,12 @@ class GraspSearch(Record, Sequence[Grasp]):
 class LoadPrior:
     """Mass of an object and its friction on the hand, each log-normal.
 
-    Parameters
-    ----------
-    friction, mass
-        Medians: Coulomb coefficient, and mass [kg].
-    friction_spread, mass_spread
-        Standard deviations of the natural logarithms; 0 if the value is known.
-
-    Raises
-    ------
-    InvalidOptionError
-        If a median is not positive, or a spread is negative.
+    Raises `InvalidOptionError` if a median is not positive, or a spread is negative.
     """
 
-    friction: float = USUAL_FRICTION
-    mass: float = USUAL_MASS
+    friction: float = USUAL_FRICTION  #: median of the Coulomb coefficient
+    mass: float = USUAL_MASS  #: median [kg]
+    #: standard deviations of the natural logarithms; 0 if the value is known
     friction_spread: float = 0.0
     mass_spread: float = 0.0
 

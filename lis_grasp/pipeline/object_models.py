@@ -32,30 +32,14 @@ _TORSION, _ROLLING = 0.005, 0.0001
 class ObjectModel:
     """A rigid object of uniform density, in its frame O.
 
-    Parameters
-    ----------
-    name
-        Name of the model: letters, digits, ``_``, ``-`` and ``.``.
-    mesh
-        What is drawn, and the mass is spread over: watertight, in metres.
-    parts
-        What collides: convex meshes in metres.
-    mass
-        [kg].
-    friction
-        Coulomb's coefficient, static and dynamic.
-
-    Raises
-    ------
-    InvalidOptionError
-        If mass or friction are not above 0, or there are no parts.
+    Raises `InvalidOptionError` if mass or friction are not above 0, or there are no parts.
     """
 
-    name: str
-    mesh: trimesh.Trimesh
-    parts: tuple[trimesh.Trimesh, ...]
-    mass: float
-    friction: float
+    name: str  #: letters, digits, ``_``, ``-`` and ``.``
+    mesh: trimesh.Trimesh  #: what is drawn, and the mass is spread over: watertight [m]
+    parts: tuple[trimesh.Trimesh, ...]  #: what collides: convex meshes [m]
+    mass: float  #: [kg]
+    friction: float  #: Coulomb's coefficient, static and dynamic
 
     def __post_init__(self) -> None:
         require_positive(mass=self.mass, friction=self.friction)
@@ -79,19 +63,8 @@ class ObjectModel:
     def save(self, folder: Path, format_name: str) -> Path:
         """Write the description and its meshes into a folder, and return the description's path.
 
-        Parameters
-        ----------
-        folder
-            Made if it is missing.
-        format_name
-            A key of `FORMATS`.
-
-        Raises
-        ------
-        InvalidOptionError
-            If there is no such format.
-        InvalidFileError
-            If a file cannot be written.
+        Raises `InvalidOptionError` if there is no such format in `FORMATS`, `InvalidFileError` if a
+        file cannot be written.
         """
         if format_name not in FORMATS:
             raise InvalidOptionError.not_one_of("format", format_name, FORMATS)

@@ -81,14 +81,8 @@ def grasp_with_tactile_check(
     estimated from the contacts of all attempts (`register_motions`), and the frame of contacts and
     grasps moves with it.
 
-    Parameters
-    ----------
-    scenario
-        The scenario after the exploration (`Scenario.after`).
-    contacts
-        Those of the exploration.
-    stages
-        The stages to repeat; None for `Stages`, which keep their results in memory.
+    The scenario is the one after the exploration (`Scenario.after`), with its contacts. `stages`
+    are repeated; None for `Stages`, which keep their results in memory.
     """
     stages, known = stages or Stages(), scenario.known
     explored, missed = contacts, np.empty((0, 3))

@@ -33,26 +33,12 @@ class KinematicProber:
 
     The hand moves until its first link touches (`GuardedMotion`). The contact is the point of the
     object that the link touches, with the normal of the triangle there; its force is unknown. The
-    contacts of a probe are in order of time.
+    contacts of a probe are in order of time. The first finger with an approach leads. The first
+    touch ends a probe of ``"one"`` of the `fingers`; of ``"all"`` the others extend then, and each
+    that touches adds a contact. Probes are in the reach of the arm of a `station`.
 
-    Parameters
-    ----------
-    hand
-        The hand; it needs a probe posture. The first finger with an approach leads.
-    mesh
-        The true object in O [m], watertight.
-    fingers
-        "one": the first touch ends a probe; "all": then the other fingers extend, and each that
-        touches adds a contact.
-    station
-        The arm that carries the hand, in whose reach probes have to be; None for a free hand.
-
-    Raises
-    ------
-    InvalidHandError
-        If the hand has no probe posture.
-    InvalidMeshError
-        If the mesh is not watertight.
+    Raises `InvalidHandError` if the hand has no probe posture, `InvalidMeshError` if the mesh of
+    the true object in O [m] is not watertight.
     """
 
     def __init__(

@@ -26,48 +26,21 @@ class Arm(RobotModel):
     Frames: A the base link, L a link, F the flange, whose +z points out of it. J joints, from the
     base to the flange. A gripper or anything else beyond the flange is left out.
 
-    Parameters
-    ----------
-    joint_names, lower, upper, effort_limits
-        The J joints: names, position limits (J,) [rad or m], largest efforts (J,) [N m or N].
-    links, joints, inertials, link_geometries, visuals, hulls_of_visuals
-        The fields of a `Hand`.
-    name
-        Its name.
-    path
-        The URDF, SDF or MJCF.
-    flange
-        The link that carries the hand.
-    X_LF
-        Shape (4, 4): the flange frame in that link.
-    home
-        Shape (J,) [rad or m]: a posture with the flange above the table, pointing down.
-    velocity_limits, acceleration_limits
-        Shape (J,) [rad/s, rad/s^2; or m/s, m/s^2].
-    rotor_inertias
-        Shape (J,) [kg m^2 or kg]: of the motors, reflected to the joints; 0 if not in the file.
-    damping
-        Shape (J,) [N m s/rad or N s/m]: of the joints themselves.
-    stiffness
-        Shape (J,) [N m/rad or N/m]: of the joint control.
-    speed_fraction
-        Fraction of the velocity and acceleration limits that motions use.
-    self_collision_exclusions
-        Pairs of link names, each pair sorted, that may touch.
+    The fields of the model are those of a `Hand`.
     """
 
     name: str
-    path: Path
-    flange: str
-    X_LF: FloatArray
-    home: FloatArray
-    velocity_limits: FloatArray
-    acceleration_limits: FloatArray
-    rotor_inertias: FloatArray
-    damping: FloatArray
-    stiffness: FloatArray
-    speed_fraction: float
-    self_collision_exclusions: frozenset[tuple[str, str]]
+    path: Path  #: of the URDF or SDF
+    flange: str  #: the link that carries the hand
+    X_LF: FloatArray  #: (4, 4), the flange frame in that link
+    home: FloatArray  #: (J,), a posture with the flange above the table, pointing down
+    velocity_limits: FloatArray  #: (J,) [rad/s or m/s]
+    acceleration_limits: FloatArray  #: (J,) [rad/s^2 or m/s^2]
+    rotor_inertias: FloatArray  #: (J,) [kg m^2 or kg], reflected to the joints; 0 if unknown
+    damping: FloatArray  #: (J,) [N m s/rad or N s/m], of the joints themselves
+    stiffness: FloatArray  #: (J,) [N m/rad or N/m], of the joint control
+    speed_fraction: float  #: of the velocity and acceleration limits that motions use
+    self_collision_exclusions: frozenset[tuple[str, str]]  #: sorted pairs of links that may touch
 
     @classmethod
     def load(cls, path_or_name: str | Path) -> Arm:

@@ -80,14 +80,7 @@ def motion_paths(
     """Return the tracked and the true path of a point of the object, each (K, 3) [m].
 
     They are in the frame of the contacts after the last outcome, where the object's frame is at its
-    final pose; outcomes before a loss of the object are left out.
-
-    Parameters
-    ----------
-    outcomes
-        Outcomes of an exploration with a tracked pose.
-    center
-        Shape (3,): the point, in that frame [m].
+    final pose; so is the point, `center` (3,). Outcomes before a loss of the object are left out.
     """
     recorded = [
         o for o in since_loss(outcomes) if o.tracked is not None and o.simulated_pose is not None
