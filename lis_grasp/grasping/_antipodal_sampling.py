@@ -144,6 +144,8 @@ def _opposition(hand: Hand) -> _Opposition:
     if len(others) > 1:
         spread = centers[others[0]] - centers[others[-1]]
         closing = closing - spread * (closing @ spread) / (spread @ spread)
+    if hand.fixed_fingers:  # the motion is oblique, the hand straight
+        approach = unit(approach - unit(closing) * (approach @ unit(closing)))
     closing = closing - approach * (closing @ approach)
     closing = unit(closing)
     lateral = cross(closing, approach)

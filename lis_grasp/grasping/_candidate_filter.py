@@ -13,7 +13,7 @@ from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasps import Reach
 from lis_grasp.grasping.inverse_kinematics import solve_ik
 from lis_grasp.robots.collision import HandCollisionChecker
-from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand import SEATING, Hand
 from lis_grasp.robots.pose_filter import HandPoseFilter
 from lis_grasp.robots.robot_model import Pad
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
@@ -30,6 +30,7 @@ _ARM_CLEARANCE = 0.001  # [m] the same of a hand on an arm, which sags by up to 
 # An opened hand on an arm is free to go on by this [m]: the palm keeps off the object.
 _ARM_ERROR = 0.002
 _OPENING = 0.02  # [m] of each pad from its contact before the hand closes
+_OFF_JAW = 0.003  # [m] off a fixed jaw's contact, where no link may touch
 _APPROACH_STEPS, _LIFT_STEPS = 8, 6  # poses that are checked
 _FACE_DEPTH = 0.001  # [m]: parts of a link this near to the plane of its pad belong to the pad
 _BORDER = 0.0005  # [m] of a flat pad at the fingertip without contacts
@@ -71,6 +72,8 @@ class CandidateFilter:
             hand, mesh, support_height=support_height, clearance=clearance, obstacles=obstacles
         )
         self._filter = HandPoseFilter(hand, mesh)
+        self._is_fixed = np.isin(hand.fingers, hand.fixed_fingers)  # (F,)
+        self._opening = np.where(self._is_fixed, 0.0, 1.0 + self._is_fixed.any())[:, None]
         floor = None if support_height is None else support_height + clearance + spare
         self._fingertips = FingertipContacts(hand, self._checker, floor=floor)
         self.rejected: Counter[str] = Counter()
@@ -90,15 +93,16 @@ class CandidateFilter:
         kept = np.flatnonzero(near & facing)
         X_OH, q = batch.X_OH[kept], batch.q[kept]
         kept = kept[self._free("grasp", X_OH, q, X_OH[:, None], pads_may_touch=True)]
+        if self._is_fixed.any():
+            kept = kept[self._with_free_jaws(batch.subset(kept))]
         blocked = self._checker.hit_obstacle(_lifts(batch.X_OH[kept]), batch.q[kept])
         self.rejected["lift_hits_obstacle"] += int(blocked.sum())
         kept = kept[~blocked]
         batch = batch.subset(kept)
-        away = replace(batch, points=batch.points + _OPENING * batch.normals)
+        away = replace(batch, points=batch.points + _OPENING * self._opening * batch.normals)
         opened = solve_ik(self._hand, away, palm_fixed=True).q
-        free = np.flatnonzero(
-            self._free("approach", batch.X_OH, opened, self._approaches(batch.X_OH))
-        )
+        paths = self._approaches(batch.X_OH)
+        free = np.flatnonzero(self._free("approach", paths[:, 0], opened, paths))
         free = free[self._within_reach(batch.subset(free), opened[free])]
         batch = batch.subset(free)
         clearance = self._checker.clearances(batch.X_OH, batch.q)
@@ -113,13 +117,28 @@ class CandidateFilter:
         return np.array([reason is None for reason in reasons], dtype=bool)
 
     def _approaches(self, X_OH: FloatArray) -> FloatArray:
-        """Return palm poses along the approach to each pose (B, 4, 4), shape (B, W, 4, 4)."""
-        back = np.linspace(0.0, STANDOFF, _APPROACH_STEPS)
-        if self._reach_check is not None:
+        """Return palm poses along the approach to each pose (B, 4, 4), shape (B, W, 4, 4).
+
+        The end of the approach of a hand with a fixed jaw is left out: there that jaw may touch.
+        """
+        end = SEATING if self._is_fixed.any() else 0.0
+        back = np.linspace(end, STANDOFF, _APPROACH_STEPS)
+        if self._reach_check is not None and not end:
             back = np.append(-_ARM_ERROR, back)
         paths = np.repeat(X_OH[:, None], len(back), axis=1)
         paths[:, :, :3, 3] -= back[:, None] * rotate(X_OH, self._hand.approach_H)[:, None]
         return paths
+
+    def _with_free_jaws(self, batch: GraspBatch) -> BoolArray:
+        """Return which grasps are free a little off their contacts, (B,), with a fixed jaw.
+
+        A fixed jaw is one link with the palm, and a jaw that turns may meet the object far from its
+        pad: no link may touch there.
+        """
+        moved = replace(batch, points=batch.points + _OFF_JAW * self._opening * batch.normals)
+        q, X_OH = solve_ik(self._hand, moved, palm_fixed=True).q, batch.X_OH.copy()
+        X_OH[:, :3, 3] += _OFF_JAW * batch.normals[:, self._is_fixed].sum(axis=1)
+        return self._free("grasp", X_OH, q, X_OH[:, None])
 
     def _free(
         self,

@@ -20,7 +20,8 @@ from lis_grasp.typing import FloatArray
 # Force at which a finger stops closing: the weight of a few coins.
 _TOUCH_FORCE = 0.2  # [N]
 _CLOSING_SPEED = 0.05  # [m/s] of the fastest pad
-_SEARCH_SPEED = 0.03  # [m/s] of a pad beyond its planned contact
+SEARCH_SPEED = 0.03
+"""Speed of a pad, or of a wrist with a fixed jaw, that searches its contact [m/s]."""
 # Squeezing forces are well inside the friction cones if possible: the lift adds a load.
 _CONE_FRACTIONS = (0.6, 0.8, 1.0)
 _ENOUGH = 0.9  # fraction of the wanted grip that a narrower cone must give
@@ -91,6 +92,17 @@ class FingerControl:
             fingers=fingers,
         )
 
+    def touches_fixed_jaw(self) -> bool:
+        """Return whether every finger of the grasp that no joint moves touches the object."""
+        measured = self._contacts_by_finger()
+        fixed = [finger for finger in self._planned_normals if not self._joints[finger]]
+        return all(self._strongest(measured.get(finger, [])) is not None for finger in fixed)
+
+    def way_to_fixed_jaw(self) -> FloatArray:
+        """Return the direction (3,) in W in which a fixed jaw moves against its planned normal."""
+        normals = [n for finger, n in self._planned_normals.items() if not self._joints[finger]]
+        return -np.sum(normals, axis=0)
+
     def close(self, elapsed: float, interval: float) -> bool:
         """Close the fingers for `interval` [s]; return whether all have finished."""
         q = self._scene.joint_positions
@@ -105,12 +117,14 @@ class FingerControl:
             if contact is not None:
                 self._contacts[finger] = contact
                 self._posture[joints] = q[joints]
+            elif not joints:
+                continue
             elif part < 1.0:
                 motion = self._goal[joints] - self._start[joints]
                 self._posture[joints] = self._start[joints] + part * motion
                 moving = True
             elif self._searched.get(finger, limit) < limit:
-                self._search(finger, _SEARCH_SPEED * interval)
+                self._search(finger, SEARCH_SPEED * interval)
                 moving = True
         self._scene.command_fingers(self._posture, np.zeros(len(q)))
         return not moving

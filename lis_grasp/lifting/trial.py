@@ -12,12 +12,13 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.geometry import apply_inverse, apply_pose
-from lis_grasp.lifting.finger_control import FingerControl, SlipWatch
+from lis_grasp.lifting.finger_control import SEARCH_SPEED, FingerControl, SlipWatch
 from lis_grasp.lifting.outcome import LiftOutcome, Reason
 from lis_grasp.lifting.scene import ArmStoppedError, CarrierMotion, LiftingScene
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import WristPath, line, rest_at, shake_about
 from lis_grasp.motion import OBJECT, Motion
+from lis_grasp.robots.hand import SEATING
 from lis_grasp.typing import FloatArray
 
 _LOG = logging.getLogger(__name__)
@@ -75,6 +76,11 @@ class LiftTrial:
         self._retreat = np.append(retreat, np.zeros(3))
         self._rise = np.array([0.0, 0.0, self._options.lift_height, 0.0, 0.0, 0.0])
         self._goal = np.asarray(grasp.X_OH, dtype=np.float64)[:3, 3]
+        # Displacements of the palm: where the approach ends, and where the hand closes.
+        self._arrival = np.zeros(6)
+        if setup.hand.fixed_fingers:
+            self._arrival = self._retreat * min(SEATING / self._options.standoff, 1.0)
+        self._here = np.zeros(6)
         self._scene.place_hand(self._retreat, np.asarray(grasp.pregrasp_positions))
         self._closed, self._measured = False, Contacts.empty()
         self._hull = np.asarray(setup.mesh.convex_hull.vertices)  # the lowest one is a hull vertex
@@ -136,19 +142,21 @@ class LiftTrial:
         if transit is not None:
             self._move(transit)
         duration = self._options.approach_time
-        path = line(self._retreat, np.zeros(6), duration)
+        path = line(self._retreat, self._arrival, duration)
         stop = self._stop_at_contact if self._accept_grasp is not None else None
         self._advance(duration, path, stop)
         if len(self._measured):
             return self._abort()
-        self._advance(_SETTLE_TIME, rest_at(np.zeros(6)))
-        error = float(np.linalg.norm(self._scene.X_WH[:3, 3] - self._goal))
+        self._advance(_SETTLE_TIME, rest_at(self._arrival))
+        error = float(np.linalg.norm(self._displacement() - self._arrival))
         blocked = error > self._options.largest_push or self._pushed()
         return "collision_on_approach" if blocked else None
 
     def _close(self) -> Reason | None:
         self._scene.carrier.expect_contact()
-        here = rest_at(np.zeros(6))
+        if self._setup.hand.fixed_fingers:
+            self._seat()
+        here = rest_at(self._here)
         interval = 1.0 / _CONTROL_RATE
         self._advance(_CLOSING_LIMIT, here, lambda time: self._control.close(time, interval))
         if self._accept_grasp is not None and len(self._control.touching) >= 2:
@@ -168,6 +176,26 @@ class LiftTrial:
         self._grasped = self._object_in_hand(), self._rotation_in_hand()
         return "ejected" if self._touching_links() < 2 else None
 
+    def _seat(self) -> None:
+        """Move the wrist until the fixed jaw touches: to the grasp, then on against its normal."""
+
+        def touches(_: float) -> bool:
+            return self._control.touches_fixed_jaw()
+
+        beyond = self._options.search_distance * self._control.way_to_fixed_jaw()
+        for start, end in (
+            (self._arrival, np.zeros(6)),
+            (np.zeros(6), np.append(beyond, np.zeros(3))),
+        ):
+            if not touches(0.0):
+                duration = float(np.linalg.norm(end - start)) / SEARCH_SPEED
+                self._advance(duration, line(start, end, duration), touches)
+        self._here = self._displacement()
+
+    def _displacement(self) -> FloatArray:
+        """Return the displacement of the palm, which has not turned, from the grasp, (6,)."""
+        return np.append(self._scene.X_WH[:3, 3] - self._goal, np.zeros(3))
+
     def _press(self, time: float) -> bool:
         """Push gently: a flat pad that touched with an edge first comes to rest on its face."""
         self._control.squeeze(_PRESS_FRACTION * min(time / _PRESS_TIME, 1.0))
@@ -180,7 +208,7 @@ class LiftTrial:
         def hold(time: float) -> bool:
             nonlocal given_up, weighed
             if not weighed:
-                weighed = self._scene.X_WH[2, 3] - self._goal[2] >= _WATCHED_RISE
+                weighed = self._displacement()[2] - self._here[2] >= _WATCHED_RISE
                 given_up = self._accept_grasp is not None and watch.total > _SLIP_LIMIT
                 if weighed:
                     self._control.carry(self._setup.mass)
@@ -188,7 +216,7 @@ class LiftTrial:
                     self._control.grip_harder(_GRIP_FACTOR)
             return self._hold_grip(time) or given_up
 
-        self._advance(duration, line(np.zeros(6), self._rise, duration), hold)
+        self._advance(duration, line(self._here, self._here + self._rise, duration), hold)
         if given_up:
             return self._set_down()
         self._lifted = self._in_hand()
@@ -210,7 +238,7 @@ class LiftTrial:
     def _shake_path(self, direction: FloatArray, acceleration: float) -> WristPath:
         options = self._options
         return shake_about(
-            self._rise,
+            self._here + self._rise,
             direction,
             acceleration,
             frequency=options.shake_frequency,
@@ -229,7 +257,7 @@ class LiftTrial:
                     return True
             return self._hold_grip(time)
 
-        self._advance(self._options.hold_time, rest_at(self._rise), hold_until_rest)
+        self._advance(self._options.hold_time, rest_at(self._here + self._rise), hold_until_rest)
         return None if self._in_hand() else self._failure("dropped")
 
     def _stop_at_contact(self, time: float) -> bool:
@@ -246,14 +274,15 @@ class LiftTrial:
     def _set_down(self) -> Reason:
         """Lower the object to where it was, open the hand, and retreat."""
         self._set_down_after = self._slip(), self._turn()
-        here = np.append(self._scene.X_WH[:3, 3] - self._goal, np.zeros(3))
-        self._advance(_RETREAT_TIME, line(here, np.zeros(6), _RETREAT_TIME), self._hold_grip)
+        self._advance(
+            _RETREAT_TIME, line(self._displacement(), self._here, _RETREAT_TIME), self._hold_grip
+        )
         self._abort()
         return "set_down"
 
     def _abort(self) -> Reason:
         """Open the hand if it has closed, and retreat against the approach."""
-        here = np.append(self._scene.X_WH[:3, 3] - self._goal, np.zeros(3))
+        here = self._displacement()
 
         def open_hand(time: float) -> bool:
             self._control.open(time / _RETREAT_TIME)

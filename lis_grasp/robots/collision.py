@@ -222,7 +222,8 @@ class HandCollisionChecker:
         self._inner.update()
         data = fcl.DistanceData()
         self._inner.distance(self._object, data, fcl.defaultDistanceCallback)
-        return max(float(data.result.min_distance), 0.0)
+        # Without such links it is the largest number; a metre is as good.
+        return min(max(float(data.result.min_distance), 0.0), 1.0)
 
     def _touches_object(
         self, X_OH: FloatArray, in_hand: FloatArray, *, pads_may_touch: bool

@@ -24,6 +24,9 @@ from lis_grasp.robots.robot_model import (
 from lis_grasp.robots.yaml_files import read_hand_file
 from lis_grasp.typing import FloatArray
 
+SEATING = 0.012
+"""Last part of the approach of a hand with a fixed jaw [m], at whose end that jaw touches."""
+
 
 @made_by("load")
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
@@ -106,6 +109,11 @@ class Hand(RobotModel):
         return tuple(pad.finger for pad in self.pads)
 
     @property
+    def fixed_fingers(self) -> tuple[str, ...]:
+        """Names of the fingers that no joint moves: jaws that another one closes on."""
+        return tuple(finger for finger in self.fingers if not self.finger_joints(finger))
+
+    @property
     def pad_links(self) -> frozenset[str]:
         """The links that carry pads, and all that are fixed to those."""
         links = {pad.link for pad in self.pads}
@@ -138,6 +146,8 @@ class Hand(RobotModel):
         for pad in self.pads:
             for joint in joints_to(self.joints, pad.link):
                 owners.setdefault(joint.child, set()).add(pad.finger)
+            if pad.link == self.base_link:  # of a fixed jaw
+                owners.setdefault(pad.link, set()).add(pad.finger)
         # Side branches of a finger's links belong to the finger, too.
         for joint in self.joints:
             if joint.child not in owners and joint.parent in owners:

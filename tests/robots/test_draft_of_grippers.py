@@ -216,12 +216,6 @@ def test_fingers_without_bodies_are_refused_in_words(tmp_path: Path) -> None:
         find_fingers(model)
 
 
-def test_one_finger_against_a_fixed_jaw_is_refused_in_words(tmp_path: Path) -> None:
-    model = read_description(written(tmp_path, link(*BASE), *jaw()[:2]))
-    with pytest.raises(InvalidHandError, match="fixed jaw"):
-        find_fingers(model)
-
-
 @pytest.mark.parametrize("name", HAND_NAMES)
 def test_efforts_of_the_shipped_hands_are_all_useful_and_absurd_ones_are_not(name: str) -> None:
     hand = Hand.load(name)

@@ -17,11 +17,14 @@ from lis_grasp.typing import FloatArray
 
 # Of the pads [rad]; those of a gripper whose faces turn must be about parallel when they touch.
 _HALF_ANGLE, _TURNING_HALF_ANGLE = 0.3, 0.15
+# Of a jaw, and of the fixed one that it closes on, which is laid flat on the object [rad].
+_MOVING_HALF_ANGLE, _FIXED_HALF_ANGLE = 0.4, 0.05
 # A face counts as that of a gripper within these angles: to the other pad, and over itself [rad].
 _FACING, _FLAT = 0.7, 0.1
 _LEVEL = 0.0015  # of a face's corners [m]
 _OBLIQUE = 0.12  # angle to the closing direction at which a face's area counts 1/e [rad]
 _USUAL_GAP, _STEPS = 0.05, 21  # [m] at which faces are chosen, and postures that are tried
+_LEAST_GAP = 0.01  # [m] at which the faces of a jaw and a fixed one are chosen
 _ALONG_GAP = 0.5  # cosine of the angle from the gap to the motion that closes it
 _OFFSET = 0.03  # by which two opposite faces may be displaced along themselves [m]
 _COVERED = 0.0003  # by which another body may be in front of a face [m]
@@ -39,8 +42,11 @@ def fit_flat_pads(model: RobotModel, fingers: Sequence[Finger]) -> tuple[Pad, ..
     poses, towards, outwards = gripper.towards()
     pads = [flat_pad(*each) for each in zip(fingers, towards, outwards, strict=True)]
     pads = _opposed(pads, poses)
-    half_angle = _TURNING_HALF_ANGLE if gripper.turns(pads) else _HALF_ANGLE
-    return tuple(replace(pad, half_angle=half_angle) for pad in pads)
+    if any(not finger.motors for finger in fingers):  # the wrist lays the fixed jaw flat
+        angles = [_MOVING_HALF_ANGLE if finger.motors else _FIXED_HALF_ANGLE for finger in fingers]
+    else:
+        angles = [_TURNING_HALF_ANGLE if gripper.turns(pads) else _HALF_ANGLE] * 2
+    return tuple(replace(p, half_angle=angle) for p, angle in zip(pads, angles, strict=True))
 
 
 def face_areas(model: RobotModel, fingers: Sequence[Finger]) -> FloatArray:
@@ -93,7 +99,8 @@ class _Gripper:
     def opened(self) -> FloatArray:
         """Return joint positions (J,) in which the gap between the tips is usual for an object.
 
-        The motors move together, each from the end of its range at which the gap is wider.
+        The motors move together, each from the end of its range at which the gap is wider. A jaw
+        that closes on a fixed one is where it moves most straight along the gap.
         """
         low, high = self._model.lower, self._model.upper
         middle = 0.5 * (low + high)
@@ -104,7 +111,10 @@ class _Gripper:
             if np.linalg.norm(self.gap_vector(at_high)) > np.linalg.norm(self.gap_vector(at_low)):
                 wide[motor], narrow[motor] = high[motor], low[motor]
         path = np.linspace(wide, narrow, _STEPS)
-        return np.asarray(path[np.argmin([abs(self._gap(q) - _USUAL_GAP) for q in path])])
+        if all(finger.motors for finger in self._fingers):
+            return np.asarray(path[np.argmin([abs(self._gap(q) - _USUAL_GAP) for q in path])])
+        apart = [q for q in path if self._gap(q) > _LEAST_GAP] or [wide]
+        return max(apart, key=lambda q: float(self._motion(q) @ unit(self.gap_vector(q))))
 
     def closing_direction(self, q: FloatArray) -> FloatArray:
         """Return the unit vector (3,) along which the first tip moves relative to the second.
@@ -112,6 +122,10 @@ class _Gripper:
         It is the sum over the motors, each turned so that the gap closes. If they hardly move
         relative to each other along the gap, it is the direction of the gap.
         """
+        gap, closing = unit(self.gap_vector(q)), self._motion(q)
+        return closing if closing @ gap > _ALONG_GAP else gap
+
+    def _motion(self, q: FloatArray) -> FloatArray:
         gap = unit(self.gap_vector(q))
         total = np.zeros(3)
         for motor in sorted({m for finger in self._fingers for m in finger.motors}):
@@ -119,8 +133,7 @@ class _Gripper:
             step[motor] = 1e-3 * (self._model.upper[motor] - self._model.lower[motor])
             change = self.gap_vector(q - step) - self.gap_vector(q + step)
             total += np.sign(change @ gap) * unit(change, least=1e-12)
-        closing = unit(total, least=1e-12)
-        return closing if closing @ gap > _ALONG_GAP else gap
+        return unit(total, least=1e-12)
 
     def turns(self, pads: Sequence[Pad]) -> bool:
         """Return whether two flat faces turn towards each other while the gripper closes."""

@@ -77,6 +77,8 @@ class _Search:
         chains = [{j.name for j in joints_to(hand.joints, pad.link)} for pad in hand.pads]
         self._owned = [
             self._moved_by(chain - set().union(*chains[:f], *chains[f + 1 :]))
+            if self._joints[f]
+            else self._group(hand.pads[f].link)  # a fixed jaw, with its palm
             for f, chain in enumerate(chains)
         ]
         # Extents (S, D) of each finger's links, by finger and link.

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import trimesh
+from scipy.spatial import cKDTree
 
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
@@ -29,6 +31,9 @@ _LEAST_MOTION = 0.006  # of a fingertip's middle over the ranges of its joints [
 _PHALANX = "[^a-z]|$|tip|distal|middle|proximal|link|joint"
 _MARK = 0.004  # size of a body up to which it marks a place, and is no fingertip [m]
 _STEPS = 9  # positions of a joint at which that is measured
+# Of a finger and the fixed jaw that it closes on [m]: what counts of each, and their gap if closed.
+_JAW_END, _CLOSED = 0.04, 0.03
+_FLAT = 1e-4  # least size of a part of a body [m]
 
 _ARM = 3  # movable joints before a hand, at least
 _FINGER = 7  # movable joints of a finger, at most
@@ -100,8 +105,9 @@ class Finger:
 def find_fingers(model: RobotModel, tips: Sequence[str] = ()) -> tuple[Finger, ...]:
     """Return the fingers of a hand: one for each of the named tip links, else for each leaf.
 
-    A leaf is a rigid group of links with bodies that moves and carries no other such group. Raises
-    `InvalidHandError` if there are fewer than two, or more than a hand has.
+    A leaf is a rigid group of links with bodies that moves and carries no other such group. If
+    there is one, it closes on a fixed jaw, which is the second finger. Raises `InvalidHandError` if
+    there are fewer than two, or more than a hand has.
     """
     groups = rigid_groups(model)
     for tip in tips:
@@ -118,10 +124,7 @@ def find_fingers(model: RobotModel, tips: Sequence[str] = ()) -> tuple[Finger, .
             " bodies"
         )
     if len(fingers) == 1 and not tips:
-        raise InvalidHandError(
-            f"a hand must have 2 to {MOST_FINGERS} fingers that move; only {fingers[0].link} moves,"
-            " and a finger against a fixed jaw is not supported"
-        )
+        fingers = _jaws(model, groups, fingers[0])
     if not 2 <= len(fingers) <= MOST_FINGERS:
         found = ", ".join(finger.link for finger in fingers)
         raise InvalidHandError(
@@ -159,17 +162,72 @@ def leaf_groups(model: RobotModel) -> list[str]:
     return [link for link in model.links if link in solid - carriers]
 
 
-def _finger(model: RobotModel, groups: Mapping[str, str], leaf: str) -> Finger:
+def _jaws(model: RobotModel, groups: Mapping[str, str], moving: Finger) -> list[Finger]:
+    """Return the ends of a single finger and of the fixed jaw that it closes on.
+
+    The fixed jaw is what of its carrier reaches as far out as the finger does. The finger is closed
+    at the end of its range at which the two are nearest.
+    """
+    joint, carrier = moving.joint, groups[moving.joint.parent]
+    own = [body for body in model.link_geometries if groups[body.link] == carrier]
+    arm_L = reach(moving.points_L, moving.origin_L, moving.axis_L)
+    length = float(np.linalg.norm(arm_L))
+    least = length - min(_JAW_END, 0.5 * length)  # along the finger, from its joint
+    found: list[tuple[float, Finger]] = []
+    for end in (model.lower, model.upper):
+        q = np.clip(0.0, model.lower, model.upper)
+        q[joint.index] = end[joint.index]
+        poses = link_kinematics(model).poses(np.eye(4), q)
+        X = poses[moving.link]
+        outward, start = rotate(X, arm_L / length), apply_pose(X, moving.origin_L)
+        jaw = _finger(model, groups, carrier, own, joint)
+        X_JB = inverse_pose(poses[jaw.link])
+        jaw = _end_of(jaw, rotate(X_JB, outward), apply_pose(X_JB, start + least * outward))
+        if jaw.bodies:
+            p_B = apply_pose(poses[jaw.link], jaw.points_L)
+            gaps, _ = cKDTree(p_B).query(apply_pose(X, moving.points_L))
+            found.append((float(gaps.min()), jaw))
+    gap, jaw = min(found, key=lambda each: each[0], default=(np.inf, moving))
+    if gap > _CLOSED:
+        raise InvalidHandError(
+            f"a hand must have 2 to {MOST_FINGERS} fingers, or one against a fixed jaw; only"
+            f" {moving.link} moves, and no body of {joint.parent} is opposite to it"
+        )
+    arm_L = arm_L / length
+    return [_end_of(moving, arm_L, moving.origin_L + least * arm_L), jaw]
+
+
+def _end_of(finger: Finger, outward_L: FloatArray, point_L: FloatArray) -> Finger:
+    """Return a finger whose one body is the hull of what is beyond a plane: it meets flat objects.
+
+    Without anything beyond the plane it has no bodies.
+    """
+    hulls = [trimesh.convex.convex_hull(body.points_L) for body in finger.bodies]
+    parts = [np.asarray(hull.slice_plane(point_L, outward_L).vertices) for hull in hulls]
+    points = np.vstack(parts)
+    if len(points) <= 3 or np.linalg.matrix_rank(points - points.mean(axis=0), tol=_FLAT) < 3:
+        return replace(finger, bodies=())
+    hull = trimesh.convex.convex_hull(points)
+    return replace(finger, bodies=(FingerBody(finger.link, np.eye(4), np.asarray(hull.vertices)),))
+
+
+def _finger(
+    model: RobotModel,
+    groups: Mapping[str, str],
+    leaf: str,
+    bodies: Sequence[LinkGeometry] | None = None,
+    joint: Joint | None = None,
+) -> Finger:
+    """Return the finger of a leaf; a fixed jaw has some `bodies` and the `joint` of the other."""
     members = [link for link in model.links if groups[link] == leaf]
     X_GL = {leaf: np.eye(4)}  # poses of the group's links in the first one
-    for joint in model.joints:
-        if joint.child in members and joint.kind == "fixed":
-            X_GL[joint.child] = X_GL[joint.parent] @ joint.X_PJ
+    for fixed in model.joints:
+        if fixed.child in members and fixed.kind == "fixed" and fixed.parent in X_GL:
+            X_GL[fixed.child] = X_GL[fixed.parent] @ fixed.X_PJ
     chain = joints_to(model.joints, leaf)
-    last = chain[-1]
-    parts = [
-        (body.link, points_of_bodies([body])) for body in model.link_geometries if body.link in X_GL
-    ]
+    last = joint or chain[-1]
+    solid = model.link_geometries if bodies is None else bodies
+    parts = [(body.link, points_of_bodies([body])) for body in solid if body.link in X_GL]
     if not parts:
         raise InvalidHandError(f"the fingertip '{leaf}' must have a body; it has none")
     large = [np.ptp(p, axis=0).max() > _MARK for _, p in parts]
@@ -179,15 +237,15 @@ def _finger(model: RobotModel, groups: Mapping[str, str], leaf: str) -> Finger:
     ]
     link = parts[int(np.argmax(arms))][0]
     X_LG = inverse_pose(X_GL[link])
-    bodies = []
+    placed = []
     for name, p in parts:
         X_LB = X_LG @ X_GL[name]
-        bodies.append(FingerBody(name, X_LB, apply_pose(X_LB, p)))
+        placed.append(FingerBody(name, X_LB, apply_pose(X_LB, p)))
     motors = tuple(dict.fromkeys(joint.index for joint in chain if joint.index >= 0))
     return Finger(
         name=link,
         link=link,
-        bodies=tuple(bodies),
+        bodies=tuple(placed),
         joint=last,
         origin_L=np.array(X_LG[:3, 3], np.float64),
         axis_L=rotate(X_LG, last.axis_J),

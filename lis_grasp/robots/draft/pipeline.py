@@ -14,6 +14,7 @@ import numpy as np
 import yourdfpy
 
 from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.geometry import unit
 from lis_grasp.records import fields_of, read_only
 from lis_grasp.robots._build_model import build_model, link_inertial
 from lis_grasp.robots._description import DescriptionEdits, apply_edits, parse_description
@@ -41,6 +42,7 @@ _OTHER_TILTS = ((0.25,), (0.0,))  # of pads that are tried next [rad]
 _TURNED = 0.95  # error of a pad's axis that is accepted at last (chord)
 # Parts replace a gripper's hulls if their faces are so many times the hulls', and this [m^2].
 _HIDDEN, _LEAST_FACE = 2.0, 3e-5
+_ASIDE = 0.5  # sideways part of the approach of a hand with a fixed jaw
 _LISTED = 4  # links, or pairs of them, in a note
 # Of many hands' joints [N m or N].
 _USUAL_EFFORT = {"revolute": 1.0, "continuous": 1.0, "prismatic": 40.0}
@@ -160,6 +162,12 @@ class _Described:
         tips = {body.link for finger in self.fingers for body in finger.bodies}
         links = tuple(link for link in self.model.links if link in tips)
         parts = self._built(replace(self.edits, convex_parts=links))
+        if any(not finger.motors for finger in self.fingers):  # one body with the palm
+            self.notes.append(
+                f"{self.fingers[0].link} closes on a fixed jaw, {self.fingers[1].link}"
+            )
+            self._edit(convex_parts=links)
+            return
         hidden = np.maximum(_HIDDEN * face_areas(self.model, self.fingers), _LEAST_FACE)
         if (face_areas(parts, find_fingers(parts, self._tips)) > hidden).all():
             self.notes.append(
@@ -246,7 +254,12 @@ def _with_palm(hand: Hand, openings: Sequence[Opening]) -> Hand:
     chosen = _chosen(openings)
     pregrasps = {label: read_only(o.q) for label, o in zip(_PREGRASPS, chosen, strict=False)}
     X_LH = read_only(find_palm_frame(hand, chosen[len(chosen) // 2]))
-    return replace(hand, X_LH=X_LH, pregrasps=MappingProxyType(pregrasps))
+    hand = replace(hand, X_LH=X_LH, pregrasps=MappingProxyType(pregrasps))
+    aside = np.zeros(3)
+    for pad, axis in zip(hand.pads, hand.pad_axes(np.eye(4), chosen[0].q), strict=True):
+        if pad.finger in hand.fixed_fingers:  # its pad comes onto the object at the end only
+            aside = _ASIDE * unit(axis * [1.0, 1.0, 0.0])
+    return replace(hand, approach_H=read_only(unit(hand.approach_H + aside)))
 
 
 def _with_probe_postures(hand: Hand, rng: np.random.Generator) -> Hand:

@@ -1,0 +1,102 @@
+"""Hands of one moving jaw against a fixed one: draft, plan, and lifts in both simulators."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lis_grasp import Hand, lift, plan, shapes
+from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.geometry import apply_pose, rotate
+from lis_grasp.robots.draft.pipeline import draft_hand
+
+MASS = '<inertial><mass value="{0}"/><inertia ixx="{1}" iyy="{1}" izz="{1}"/></inertial>'
+BODY = '<collision><origin xyz="{0}"/><geometry><box size="{1}"/></geometry></collision>'
+PALM = BODY.format("0 0 0.02", "0.08 0.04 0.04")
+# Inner faces at x = -0.01 and, with the joint at 0.2 rad, parallel to it 36 mm away.
+FIXED = BODY.format("-0.015 0 0.08", "0.01 0.02 0.08")
+JAW = BODY.format("0 0 0.04", "0.01 0.02 0.08")
+
+
+def one_jaw(folder: Path, *, fixed: str = FIXED, arm: bool = False) -> Path:
+    jaw = (
+        f'<link name="base">{MASS.format(0.3, 2e-4)}{PALM}{fixed}</link>'
+        f'<link name="jaw">{MASS.format(0.05, 3e-5)}{JAW}</link>'
+        '<joint name="close" type="revolute"><parent link="base"/><child link="jaw"/>'
+        '<origin xyz="0.031 0 0.04" rpy="0 -0.2 0"/>'
+        '<axis xyz="0 1 0"/><limit lower="-0.3" upper="1.2" effort="3" velocity="2"/></joint>'
+    )
+    chain = ["a", "b", "c", "d", "base"] if arm else []
+    for parent, child in pairwise(chain):
+        link = "" if child == "base" else f'<link name="{child}">{MASS.format(0.3, 2e-4)}</link>'
+        jaw += (
+            f'{link}<joint name="{child}_turn" type="revolute"><parent link="{parent}"/>'
+            f'<child link="{child}"/><axis xyz="0 0 1"/>'
+            '<limit lower="-1" upper="1" effort="9" velocity="1"/></joint>'
+        )
+    jaw += '<link name="a"/>' if arm else ""
+    path = folder / "one_jaw.urdf"
+    path.write_text(f'<robot name="one_jaw">{jaw}</robot>')
+    return path
+
+
+def drafted(path: Path) -> Hand:
+    return draft_hand(path, name="one_jaw", rng=np.random.default_rng(0)).hand
+
+
+@pytest.mark.parametrize("arm", [False, True])
+def test_the_pads_are_the_inner_faces_and_the_approach_ends_on_the_fixed_one(
+    arm: bool, tmp_path: Path
+) -> None:
+    hand = drafted(one_jaw(tmp_path, arm=arm))
+    assert hand.base_link == "base"
+    assert hand.fixed_fingers == ("base",)
+    moving, fixed = hand.pads
+    assert (moving.link, fixed.link) == ("jaw", "base")
+    np.testing.assert_allclose(fixed.axis_L, [1.0, 0.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(moving.axis_L, [-1.0, 0.0, 0.0], atol=1e-6)
+    assert fixed.center_L[0] == pytest.approx(-0.01)
+    assert moving.center_L[0] == pytest.approx(-0.005)
+    # Both are in the outer 40 mm of the moving jaw, which is 80 mm long.
+    assert 0.08 < fixed.center_L[2] < 0.12
+    assert 0.04 < moving.center_L[2] < 0.08
+    towards_object = rotate(np.linalg.inv(hand.X_LH), fixed.axis_L)
+    assert 0.3 < hand.approach_H @ towards_object < 0.6
+    assert hand.link_fingers == {"base": "base", "jaw": "jaw"}
+
+
+def test_a_finger_with_nothing_opposite_is_refused_in_words(tmp_path: Path) -> None:
+    with pytest.raises(InvalidHandError, match="only jaw moves, and no body of base is opposite"):
+        drafted(one_jaw(tmp_path, fixed=""))
+
+
+def test_no_link_is_in_the_object_a_little_off_the_contacts(tmp_path: Path) -> None:
+    hand = drafted(one_jaw(tmp_path))
+    box = shapes.find("box", size=0.06)
+    search = plan(box, hand, grasps=3)
+    assert len(search) == 3
+    for grasp in search:
+        fixed = grasp.contact_fingers.index("base")
+        outward = grasp.contact_normals[fixed]
+        assert grasp.approach_O @ outward < -0.3  # the fixed jaw comes onto its contact
+        poses = hand.forward_kinematics(grasp.X_OH, grasp.joint_positions)
+        for body in hand.link_geometries:
+            X_OG = poses[body.link] @ body.X_LG
+            depth = box.mesh.nearest.signed_distance(apply_pose(X_OG, body.mesh.vertices))
+            assert (depth < 0.006).all()  # 3 mm off each jaw
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("simulator", ["drake", "mujoco"])
+def test_the_wrist_brings_the_fixed_jaw_into_contact_and_the_object_is_held(
+    simulator: str, tmp_path: Path
+) -> None:
+    if simulator == "mujoco":
+        pytest.importorskip("mujoco")
+    hand = drafted(one_jaw(tmp_path))
+    box = shapes.find("box", size=0.06)
+    for grasp in plan(box, hand, grasps=2):
+        result = lift(box, hand, grasp, simulator=simulator, mass=0.1)
+        assert result.held
+        assert set(result.measured_contacts.fingers) == {"base", "jaw"}
