@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 Obstacle = Literal["table", "obstacle", "object", "self"]
 
 ARM_CLEARANCE = 0.01
-"""Least distance of the arm's links from the table [m]."""
+"""Least distance of the arm's links from the table and from obstacles [m]."""
 HAND_CLEARANCE = 0.0003
-"""Least distance of the hand's links from the table [m], which grasps of low objects need."""
+"""The same of the hand's links [m], which grasps of low objects need."""
 
 # Largest displacement of a vertex, in margins: enough for the corner of a box (1.7). More would
 # grow spikes on a rough mesh.
@@ -141,7 +141,7 @@ class StationChecker:
             close &= self._clear_of_object[balls]
         beside = np.zeros_like(low)
         if self._obstacles is not None:
-            beside = self._obstacles.distances_at_least(centers) < radii
+            beside = self._obstacles.distances_at_least(centers) < radii + self._clearance[balls]
             beside &= self._above_table[balls]
         starts = np.searchsorted(balls, np.arange(len(self._names)))
         kinds = (low, close, beside)
@@ -157,14 +157,15 @@ class StationChecker:
         of_pairs = self._pairs.pairs[candidates].ravel()
         placed = np.flatnonzero(near[:, 1:].any(axis=1))
         self._pairs.place(poses, {*placed.tolist(), *of_pairs.tolist()})
-        solids: tuple[tuple[Obstacle, _Enlarged | None], ...] = (
-            ("object", self._object),
-            ("obstacle", self._obstacles),
-        )
-        for column, (name, solid) in enumerate(solids, start=1):
-            for body in np.flatnonzero(near[:, column]):
-                if solid is not None and self._pairs.touches(int(body), solid.model):
-                    return name, self._names[body]
+        if self._object is not None:
+            for body in np.flatnonzero(near[:, 1]):
+                if self._pairs.touches(int(body), self._object.model):
+                    return "object", self._names[body]
+        if self._obstacles is not None:
+            for body in np.flatnonzero(near[:, 2]):
+                apart = self._pairs.distance_to(int(body), self._obstacles.model)
+                if apart < self._clearance[body]:
+                    return "obstacle", self._names[body]
         pair = next(self._pairs.touching(candidates), None)
         return None if pair is None else ("self", self._names[self._pairs.pairs[pair][1]])
 

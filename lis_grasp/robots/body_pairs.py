@@ -94,6 +94,11 @@ class BodyPairs:
             fcl.distance(self._objects[i], self._objects[j], fcl.DistanceRequest(), result)
         )
 
+    def distance_to(self, body: int, obstacle: fcl.CollisionObject) -> float:
+        """Return the distance of a body, as it is placed, from an obstacle [m]."""
+        result = fcl.DistanceResult()
+        return float(fcl.distance(self._objects[body], obstacle, fcl.DistanceRequest(), result))
+
     def touches(self, body: int, obstacle: fcl.CollisionObject) -> bool:
         """Return whether a body touches an obstacle, as it is placed."""
         return bool(

@@ -13,6 +13,7 @@ from lis_grasp.arms.placement import HEADROOM, choose_base, home_of, reach_fract
 from lis_grasp.arms.reach import APPROACH, LIFT, ArmGrasp, ReachFilter, track
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.exceptions import InvalidArmError, InvalidOptionError
+from lis_grasp.geometry import apply_pose
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.pose_ik import pose_error
@@ -259,3 +260,29 @@ def test_an_arm_and_the_hand_that_it_carries_avoid_obstacles(
     assert hits[0] is not None
     assert hits[0][0] == "obstacle"
     assert hits[1] is None
+
+
+def test_the_arm_keeps_its_distance_from_obstacles(station: Station) -> None:
+    home, arm = station.arm.home, station.arm
+    q_hand = next(iter(station.hand.pregrasps.values()))
+    links = arm.forward_kinematics(station.X_WA, home)
+    moving = [g for g in arm.link_geometries if g.link not in arm.fixed_links]
+    points = np.vstack([apply_pose(links[g.link] @ g.X_LG, g.mesh.vertices) for g in moving])
+    place, found = points[np.argmax(points[:, 1])], set()
+    for gap in np.arange(0.002, 0.05, 0.004):
+        half = np.array([0.01, 0.2, 0.01])
+        center = place + [0.0, half[1] + gap, 0.0]
+        post = trimesh.creation.box(extents=2.0 * half)
+        post.apply_translation(center)
+        # Of the vertices: at least that of the links, which are 5 mm from a vertex at most.
+        outside = np.maximum(np.abs(points - center) - half, 0.0)
+        nearest = np.linalg.norm(outside, axis=1).min()
+        table = Table(obstacles=post)
+        beside = Station(arm, station.hand, station.X_WA, station.mount, table)
+        hit = StationChecker(beside, arm_only=True).first_hit(home, q_hand)
+        found.add(hit is None)
+        if hit is None:
+            assert nearest >= ARM_CLEARANCE
+        else:
+            assert nearest < ARM_CLEARANCE + 0.005
+    assert found == {True, False}
