@@ -1,12 +1,12 @@
-"""Meshes in 3MF files, and what COLLADA and glTF files state of units, axes and extensions."""
+"""Meshes in 3MF files, and COLLADA with its polygons as triangles."""
 
 from __future__ import annotations
 
 import re
 import zipfile
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
-from typing import NamedTuple
 from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
@@ -26,19 +26,14 @@ _UNITS_3MF: Mapping[str, float] = {
     "foot": 0.3048,
 }
 _READ_3MF = re.compile(r"production|material|trianglesets")  # namespaces of extensions
-_DEEPEST = 100  # components inside of components
-_LEAST_OF_POLYGONS = 3
+_MOST_USES = 10_000  # of objects, wherever components use them
+_START = 10_000  # bytes in which a model names its extensions
+
+_Meshes = list[tuple[FloatArray, IntArray]]
 
 
-class Stated(NamedTuple):
-    """What a format or a file states: its unit [m] and the axis that points up, or None."""
-
-    metres: float | None = None
-    up: str | None = None
-
-
-def read_3mf(path: Path) -> tuple[FloatArray, IntArray, Stated]:
-    """Return the vertices and triangles of all items of a 3MF file, placed, and what it states.
+def read_3mf(path: Path) -> tuple[FloatArray, IntArray, float]:
+    """Return the vertices and triangles of all items of a 3MF file, placed, and its unit [m].
 
     Raises
     ------
@@ -52,40 +47,35 @@ def read_3mf(path: Path) -> tuple[FloatArray, IntArray, Stated]:
             raise ValueError("it is an archive without a model")
         links = _parsed(archive.read("_rels/.rels"))
         start = next(r.attrib["Target"] for r in links if r.get("Type", "").endswith("/3dmodel"))
-        models: dict[str, tuple[Element, dict[str, Element]]] = {}
 
-        def model(name: str) -> tuple[Element, dict[str, Element]]:
-            name = name.lstrip("/")
-            if name not in models:
-                text = archive.read(name)
-                root = _parsed(text)
-                _require_read(root, text)
-                objects = {each.get("id", ""): each for each in root.iter() if _is(each, "object")}
-                models[name] = root, objects
-            return models[name]
+        @cache
+        def model(name: str) -> tuple[Element, dict[str, tuple[_Meshes, list[Element]]]]:
+            text = archive.read(name.lstrip("/"))
+            root = _parsed(text)
+            _require_read(root, text[:_START])
+            objects = [each for each in root.iter() if _is(each, "object")]
+            parts = {each.get("id", ""): (_meshes(each), _components(each)) for each in objects}
+            return root, parts
 
         root, _ = model(start)
-        placed: list[tuple[FloatArray, IntArray]] = []
-        stack = [(start, item, np.eye(4), 0) for item in root.iter() if _is(item, "item")]
-        if not stack:
-            raise ValueError("it has no items to build")
+        placed: _Meshes = []
         size = 0
-        while stack:
-            part, use, X, depth = stack.pop()
+        uses = [(start, item, np.eye(4)) for item in root.iter() if _is(item, "item")]
+        if not uses:
+            raise ValueError("it has no items to build")
+        for part, use, X in uses:  # components are added as they are found
             part = next((v for k, v in use.attrib.items() if k.endswith("}path")), part)
             X = X @ _transform(use.get("transform"))
-            body = model(part)[1][use.get("objectid", "")]
-            meshes = [_mesh(each) for each in body if _is(each, "mesh")]
-            placed += [(apply_pose(X, v), f) for v, f in meshes]
-            size += 1 + sum(len(v) + len(f) for v, f in meshes)
-            if depth > _DEEPEST or size > MOST_ELEMENTS:
-                raise ValueError(f"it has components inside of themselves, or over {MOST_ELEMENTS}")
-            inner = [each for each in body.iter() if _is(each, "component")]
-            stack += [(part, each, X, depth + 1) for each in inner]
+            meshes, components = model(part)[1][use.get("objectid", "")]
+            placed += [(apply_pose(X, vertices), faces) for vertices, faces in meshes]
+            uses += [(part, component, X) for component in components]
+            size += sum(len(vertices) + len(faces) for vertices, faces in meshes)
+            if len(uses) > _MOST_USES or size > MOST_ELEMENTS:
+                raise ValueError(f"it has components inside of themselves, or over {_MOST_USES}")
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in placed)])
     faces = [f + start for (_, f), start in zip(placed, starts[:-1], strict=True)]
-    stated = Stated(_UNITS_3MF[root.get("unit", "millimeter")], "z")
-    return np.concatenate([v for v, _ in placed]), np.concatenate(faces), stated
+    metres = _UNITS_3MF[root.get("unit", "millimeter")]
+    return np.concatenate([v for v, _ in placed]), np.concatenate(faces), metres
 
 
 def _parsed(text: bytes) -> Element:
@@ -97,18 +87,13 @@ def _parsed(text: bytes) -> Element:
     return root
 
 
-def _space(root: Element) -> str:
-    """Return the namespace of an element, in braces."""
-    return str(root.tag).rpartition("}")[0] + "}" if "}" in str(root.tag) else ""
-
-
 def _is(element: Element, name: str) -> bool:
     return str(element.tag).rpartition("}")[2] == name
 
 
-def _require_read(root: Element, text: bytes) -> None:
+def _require_read(root: Element, start: bytes) -> None:
     """Raise ValueError if a 3MF model requires an extension that is not read."""
-    names = dict(re.findall(rb'xmlns:(\w+)="([^"]*)"', text[: _DEEPEST**2]))
+    names = dict(re.findall(rb'xmlns:(\w+)="([^"]*)"', start))
     for prefix in root.get("requiredextensions", "").split():
         namespace = names.get(prefix.encode(), prefix.encode()).decode("utf-8", "replace")
         if not _READ_3MF.search(namespace):
@@ -123,31 +108,35 @@ def _transform(text: str | None) -> FloatArray:
     return make_pose(rows[:3].T, rows[3])
 
 
-def _mesh(element: Element) -> tuple[FloatArray, IntArray]:
+def _components(element: Element) -> list[Element]:
+    return [each for each in element.iter() if _is(each, "component")]
+
+
+def _meshes(element: Element) -> _Meshes:
+    """Return the vertices (V, 3) and faces (F, 3) of the mesh of an object, if it has one."""
     rows = [each for each in element.iter() if _is(each, "vertex")]
-    vertices = np.array([[float(each.attrib[axis]) for axis in "xyz"] for each in rows])
     corners = [each for each in element.iter() if _is(each, "triangle")]
-    faces = np.array([[int(each.attrib[v]) for v in ("v1", "v2", "v3")] for each in corners])
-    faces = faces.astype(np.int64).reshape(-1, 3)
+    vertices = np.array([[each.attrib[axis] for axis in "xyz"] for each in rows], np.float64)
+    faces = np.array([[each.attrib[v] for v in ("v1", "v2", "v3")] for each in corners], np.int64)
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(rows):
         raise ValueError("a triangle names a vertex that it lacks")
-    return vertices.reshape(-1, 3), faces
+    return [(vertices, faces)] if len(faces) else []
 
 
-def plain_dae(content: bytes) -> tuple[bytes, Stated]:
-    """Return a COLLADA text whose polygons are triangles, and what it states.
+def plain_dae(content: bytes) -> tuple[bytes, float | None, str | None]:
+    """Return a COLLADA text whose polygons are triangles, its unit [m], and its axis upwards.
 
     Raises ValueError if it has polygons with holes, or whose outline crosses itself.
     """
     root = _parsed(content)
-    if root.find(f"{_space(root)}scene") is None:
+    space = str(root.tag).rpartition("}")[0] + "}" if "}" in str(root.tag) else ""
+    if root.find(f"{space}scene") is None:
         raise ValueError("it has no scene")
-    space = _space(root)
     unit, up = root.find(f"{space}asset/{space}unit"), root.find(f"{space}asset/{space}up_axis")
     metres = None if unit is None else float(unit.get("meter", "1"))
     axis = (up.text or "").strip()[:1].lower() if up is not None else None
     changed = [_cut_polygons(mesh, space) for mesh in root.iter(f"{space}mesh")]
-    return tostring(root) if any(changed) else content, Stated(metres, axis or None)
+    return tostring(root) if any(changed) else content, metres, axis or None
 
 
 def _cut_polygons(mesh: Element, space: str) -> bool:
@@ -170,7 +159,7 @@ def _cut_polygons(mesh: Element, space: str) -> bool:
             if counts is None
             else [int(word) for word in (counts.text or "").split()]
         )
-        if max(lengths, default=0) <= _LEAST_OF_POLYGONS:
+        if max(lengths, default=0) <= 3:
             continue
         changed = True
         column = next(int(e.get("offset", "0")) for e in inputs if e.get("semantic") == "VERTEX")

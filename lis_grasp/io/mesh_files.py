@@ -10,6 +10,7 @@ import io
 import os
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -19,7 +20,7 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io._gltf import require_readable_gltf
-from lis_grasp.io._mesh_archives import Stated, plain_dae, read_3mf
+from lis_grasp.io._mesh_archives import plain_dae, read_3mf
 from lis_grasp.io._mesh_text import plain_obj, read_off, read_ply_polygons, read_stl
 from lis_grasp.io._polygons import as_triangles
 from lis_grasp.io.content_kinds import named_by_content, require_kind
@@ -36,13 +37,14 @@ TO_Z_UP: Mapping[str, FloatArray] = MappingProxyType(
 """Rotations that turn an axis which points up to z, the others as COLLADA orders them."""
 
 _MOST_BYTES = 512 * MEBIBYTE
-_CONVERTERS = {
-    "a CAD program such as FreeCAD": (".step", ".stp", ".iges", ".igs", ".brep", ".fcstd"),
-    "Blender": (".usd", ".usda", ".usdc", ".usdz", ".fbx", ".blend", ".abc"),
-    "MeshLab": (".wrl", ".vrml", ".x3d", ".3ds"),
-    "the program that made it": (".sldprt", ".sldasm", ".ipt", ".prt", ".amf", ".skp"),
+_STL_OR_3MF = "export it as STL or 3MF from"
+_WAYS = {
+    f"{_STL_OR_3MF} a CAD program such as FreeCAD": ".step .stp .iges .igs .brep .fcstd",
+    f"{_STL_OR_3MF} Blender": ".usd .usda .usdc .usdz .fbx .blend .abc",
+    f"{_STL_OR_3MF} MeshLab": ".wrl .vrml .x3d .3ds",
+    f"{_STL_OR_3MF} the program that made it": ".sldprt .sldasm .ipt .prt .amf .skp",
+    "unpack it": ".zip .gz .7z .rar .bz2 .xz .tar .zae",
 }
-_PACKED = (".zip", ".gz", ".7z", ".rar", ".bz2", ".xz", ".tar", ".zae")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +91,12 @@ def read_mesh(
     """
     ending = path.suffix.lower()
     if ending not in formats:
-        raise InvalidFileError(_other_format(path, formats), path=path)
+        ways = (way for way, endings in _WAYS.items() if ending in endings.split())
+        raise InvalidFileError(
+            f"{path} must end in one of {', '.join(formats)}:"
+            f" {next(ways, 'convert a mesh to one of these')}",
+            path=path,
+        )
     if not os.path.isfile(path):
         raise InvalidFileError(f"{path} is missing, or is no file: check the path", path=path)
     kind, most = ending[1:].upper(), _MOST_BYTES
@@ -99,53 +106,48 @@ def read_mesh(
         with warnings.catch_warnings():
             # Warnings about textures and colours do not matter here.
             warnings.simplefilter("ignore")
-            mesh, stated = _read(path, ending, merge, materials)
-        for array in (mesh.vertices, mesh.faces):
+            read = _read(path, ending, merge, materials)
+        for array in (read.mesh.vertices, read.mesh.faces):
             if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
                 raise ValueError("its rows are not of three numbers")
-        if not len(mesh.faces):
+        if not len(read.mesh.faces):
             require_kind(path)
-        return MeshFile(mesh, *stated)
+        return read
 
 
-def _read(path: Path, ending: str, merge: bool, materials: bool) -> tuple[trimesh.Trimesh, Stated]:
+def _read(path: Path, ending: str, merge: bool, materials: bool) -> MeshFile:
     match ending:
         case ".stl":
-            return _mesh(*read_stl(path), merge), Stated()
+            return MeshFile(_mesh(*read_stl(path), merge))
         case ".off":
             vertices, polygons = read_off(path)
-            return _mesh(vertices, as_triangles(vertices, polygons), merge), Stated()
+            return MeshFile(_mesh(vertices, as_triangles(vertices, polygons), merge))
         case ".3mf":
-            vertices, faces, stated = read_3mf(path)
-            return _mesh(vertices, faces, merge), stated
+            vertices, faces, metres = read_3mf(path)
+            return MeshFile(_mesh(vertices, faces, merge), metres, "z")
         case ".ply":
-            return _read_ply(path, merge, materials), Stated()
+            return MeshFile(_read_ply(path, merge, materials))
         case ".obj":
-            content = plain_obj(path.read_bytes())
             try:
-                return _load(path, content, merge, materials), Stated()
+                return MeshFile(_load(path, plain_obj(path.read_bytes()), merge, materials))
             except IndexError:
                 raise ValueError("a face names a vertex, or a normal, that it lacks") from None
         case ".dae":
-            content, stated = plain_dae(path.read_bytes())
-            return _load(path, content, merge, materials), stated
+            content, unit, up = plain_dae(path.read_bytes())
+            return MeshFile(_load(path, content, merge, materials), unit, up)
     announced = require_readable_gltf(path)
-    mesh = _load(path, None, merge, materials)
+    mesh = _load(path, path.read_bytes(), merge, materials)
     if not merge and len(mesh.faces) != announced:
         raise ValueError(f"it announces {announced} triangles; {len(mesh.faces)} could be read")
-    return mesh, Stated(1.0, "y")
+    return MeshFile(mesh, 1.0, "y")
 
 
 def _read_ply(path: Path, merge: bool, materials: bool) -> trimesh.Trimesh:
     announced = announced_rows(path).get("face")
-    try:
-        mesh = _load(path, None, False, materials)
+    with suppress(Exception):  # polygons of several sizes raise anything
+        mesh = _load(path, path.read_bytes(), merge, materials)
         if len(mesh.faces) == announced:  # triangles only
-            if merge:
-                mesh.merge_vertices()
             return mesh
-    except Exception:  # noqa: BLE001 - polygons of several sizes raise anything
-        pass
     return _mesh(*read_ply_polygons(path), merge)
 
 
@@ -153,24 +155,12 @@ def _mesh(vertices: FloatArray, faces: IntArray, merge: bool) -> trimesh.Trimesh
     return trimesh.Trimesh(np.asarray(vertices), np.asarray(faces), process=merge, validate=False)
 
 
-def _load(path: Path, content: bytes | None, merge: bool, materials: bool) -> trimesh.Trimesh:
-    """Return the mesh that trimesh reads of a file, or of other content in its place."""
+def _load(path: Path, content: bytes, merge: bool, materials: bool) -> trimesh.Trimesh:
+    """Return the mesh that trimesh reads of the content of a file."""
     return trimesh.load_scene(
-        str(path) if content is None else io.BytesIO(content),
+        io.BytesIO(content),
         file_type=path.suffix[1:].lower(),
         resolver=trimesh.resolvers.FilePathResolver(str(path)),
         process=merge,
         skip_materials=not materials,
     ).to_mesh()
-
-
-def _other_format(path: Path, formats: Sequence[str]) -> str:
-    ending = path.suffix.lower()
-    programs = [name for name, endings in _CONVERTERS.items() if ending in endings]
-    advice = (
-        f"export it as STL or 3MF from {programs[0]}"
-        if programs
-        else "convert a mesh to one of these"
-    )
-    advice = "unpack it" if ending in _PACKED else advice
-    return f"{path} must end in one of {', '.join(formats)}: {advice}"

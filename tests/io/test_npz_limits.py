@@ -71,7 +71,7 @@ def test_a_missing_array_and_a_missing_file_are_named(tmp_path: Path) -> None:
     with pytest.raises(InvalidFileError, match="cannot read"):
         read_arrays(path, ("a",))
     _write(path, _npy("(0,)"))
-    with pytest.raises(InvalidFileError, match=r"no item named .*b\.npy"):
+    with pytest.raises(InvalidFileError, match=r"lacks b"):
         read_arrays(path, ("b",))
     path.write_bytes(io.BytesIO(b"PK").getvalue())
     with pytest.raises(InvalidFileError, match="cannot be read as NPZ"):
