@@ -78,10 +78,7 @@ def inverse_pose(X_AB: FloatArray) -> FloatArray:
 def require_pose(name: str, X: npt.ArrayLike) -> FloatArray:
     """Return a read-only copy of a pose of that name, such as ``"X_OH"``, shape (4, 4).
 
-    Raises
-    ------
-    InvalidOptionError
-        If it is not a rigid transform of finite numbers.
+    Raises `InvalidOptionError` if it is not a rigid transform of finite numbers.
     """
     try:
         pose = np.array(X, dtype=np.float64)

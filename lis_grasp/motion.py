@@ -98,10 +98,7 @@ class Motion(Record):
     def load(cls, path: Path | str) -> Motion:
         """Read a motion that `save` has written.
 
-        Raises
-        ------
-        InvalidFileError
-            If the file is missing or has no motion.
+        Raises `InvalidFileError` if the file is missing or has no motion.
         """
         path = Path(path)
         times, names, poses = read_arrays(path, ("times", "names", "poses"))

@@ -132,10 +132,7 @@ def home_of(station: Station) -> FloatArray:
     It is free in every pregrasp and probe posture of the hand. Such a posture has the hand pointing
     down, or obliquely, above the middle of the table.
 
-    Raises
-    ------
-    InvalidArmError
-        If there is none: the base is too far from the table, for example.
+    Raises `InvalidArmError` if there is none: the base is too far from the table, for example.
     """
     checker = StationChecker(station)
     if _is_home(station, checker, station.arm.home):

@@ -53,10 +53,8 @@ def mount_of(arm: Arm, hand: Hand) -> ArmMount:
     5 mm from the last two links of the arm. Links of the hand that are fixed to its base may touch
     those that are fixed to the flange.
 
-    Raises
-    ------
-    InvalidHandError
-        If the hand's own mount does not keep that distance, or no adapter of up to 10 cm does.
+    Raises `InvalidHandError` if the hand's own mount does not keep that distance, or no adapter of
+    up to 10 cm does.
     """
     if hand.X_FB is not None:
         near = _nearest(arm, hand, hand.X_FB)
@@ -172,10 +170,7 @@ class Station:
     Frames: W world, in which the object is estimated and grasps are planned; A the arm's base
     link, F its flange, B the hand's base link, H the palm. J joints of the arm.
 
-    Raises
-    ------
-    InvalidOptionError
-        If the base is not a pose, or is inside the table.
+    Raises `InvalidOptionError` if the base is not a pose, or is inside the table.
     """
 
     arm: Arm

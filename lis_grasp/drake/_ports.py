@@ -37,10 +37,8 @@ def read(port: InputPort, context: Context, kind: type[_Value], source: str) -> 
 
     Drake connects ports of any two Python values. So the type is checked here.
 
-    Raises
-    ------
-    TypeError
-        If the value is not of a `kind`; the message names system, port and its right `source`.
+    Raises `TypeError` if the value is not of a `kind`; the message names system, port and its right
+    `source`.
     """
     value = port.Eval(context)
     if not isinstance(value, kind):

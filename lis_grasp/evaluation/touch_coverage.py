@@ -35,10 +35,7 @@ def touch_coverage(mesh: trimesh.Trimesh, contacts: Contacts, *, radius: float) 
 
     A contact on the far side of a thin wall does not count.
 
-    Raises
-    ------
-    InvalidOptionError
-        If the radius is not positive.
+    Raises `InvalidOptionError` if the radius is not positive.
     """
     require_positive(radius=radius)
     return _covered(*_sampled(mesh), contacts, radius)

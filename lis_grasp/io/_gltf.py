@@ -27,14 +27,9 @@ def require_readable_gltf(path: Path) -> int:
 
     These are the triangles that its scene announces.
 
-    Raises
-    ------
-    InvalidFileError
-        If its accessors, or the meshes of its nodes together, have more than `MOST_ELEMENTS`, a
-        node is inside of itself, a buffer is no file of at most 512 MiB, or it requires an
-        extension that is not read.
-    ValueError
-        If the file has no header.
+    Raises `InvalidFileError` if its accessors, or the meshes of its nodes together, have more than
+    `MOST_ELEMENTS`, a node is inside of itself, a buffer is no file of at most 512 MiB, or it
+    requires an extension that is not read, and `ValueError` if the file has no header.
     """
     try:
         header = _gltf_header(path)

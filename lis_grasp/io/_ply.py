@@ -23,11 +23,8 @@ _TRIANGLES = {"face": {"vertex_indices": 3, "vertex_index": 3}}
 def read_ply(path: Path) -> PlyData:
     """Read a PLY file, text or binary.
 
-    Raises
-    ------
-    InvalidFileError
-        If the file is missing, damaged or no PLY, has more than 512 MiB, or announces more rows
-        than it has bytes.
+    Raises `InvalidFileError` if the file is missing, damaged or no PLY, has more than 512 MiB, or
+    announces more rows than it has bytes.
     """
     with reading(path, "PLY", most=_MOST_BYTES):
         announced_rows(path)

@@ -71,10 +71,7 @@ def read_point_file(path: Path) -> dict[str, Any]:
     the file lacks them. `units` is the unit that names of columns state, or None. What is left out
     is noted.
 
-    Raises
-    ------
-    InvalidFileError
-        If the file is missing, of another format, damaged, or lacks points.
+    Raises `InvalidFileError` if the file is missing, of another format, damaged, or lacks points.
     """
     with named_by_content(path):
         return _read_fields(path)

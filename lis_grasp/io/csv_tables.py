@@ -35,10 +35,7 @@ def without_unit(name: str) -> tuple[str, str]:
 def read_csv_columns(path: Path) -> dict[str, FloatArray]:
     """Return the columns of a CSV table by name, in lower case: numbers, NaN where blank.
 
-    Raises
-    ------
-    InvalidFileError
-        If the file is missing, empty, no CSV, or a cell is no number.
+    Raises `InvalidFileError` if the file is missing, empty, no CSV, or a cell is no number.
     """
     names, rows = read_table(path)
     return {name: numbers(path, rows, k, name) for k, name in enumerate(names)}

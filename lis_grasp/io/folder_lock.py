@@ -19,10 +19,7 @@ def sole_writer(folder: Path) -> Iterator[None]:
 
     The operating system releases the lock when the process ends, however it ends.
 
-    Raises
-    ------
-    InvalidFileError
-        If another process has the lock, or the folder cannot be written to.
+    Raises `InvalidFileError` if another process has the lock, or the folder cannot be written to.
     """
     lock = FileLock(folder / _NAME, timeout=0)
     try:

@@ -105,10 +105,8 @@ def require_small_archive(members: Iterable[zipfile.ZipInfo]) -> None:
 def read_arrays(path: Path, names: Sequence[str]) -> list[npt.NDArray[Any]]:
     """Return the arrays of these names in an .npz file, without pickled objects.
 
-    Raises
-    ------
-    InvalidFileError
-        If the file is missing or damaged, lacks a name, or unpacks to more than 256 MiB.
+    Raises `InvalidFileError` if the file is missing or damaged, lacks a name, or unpacks to more
+    than 256 MiB.
     """
     # An archive leaves its file open while a member is: the file is closed here in any case.
     with reading(path, "NPZ"), path.open("rb") as file, zipfile.ZipFile(file) as archive:

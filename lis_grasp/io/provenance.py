@@ -104,10 +104,7 @@ def read(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
 
     `usual` is the name of such a file in a folder of results, for the message if `path` is one.
 
-    Raises
-    ------
-    InvalidFileError
-        If the file cannot be read.
+    Raises `InvalidFileError` if the file cannot be read.
     """
     if os.path.isdir(path):
         inside = path / usual

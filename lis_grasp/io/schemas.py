@@ -72,10 +72,7 @@ def parse_entry(
 ) -> _Schema:
     """Return the checked content of a YAML file of that name.
 
-    Raises
-    ------
-    error
-        If a value is not permitted; it has the file and the first wrong key.
+    Raises `error` if a value is not permitted; it has the file and the first wrong key.
     """
     try:
         return schema.model_validate(document)
@@ -99,10 +96,7 @@ def write_json_schema(schema: type[BaseModel], path: Path) -> None:
 def checked(schema: type[_Schema], content: Any, path: Path, what: str) -> _Schema:
     """Return the content of a file as a record; `what` names the content in the message.
 
-    Raises
-    ------
-    InvalidFileError
-        If a value is not of its type; the message names the first.
+    Raises `InvalidFileError` if a value is not of its type; the message names the first.
     """
     try:
         return schema.model_validate(content)

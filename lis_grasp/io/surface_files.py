@@ -67,10 +67,8 @@ def load_surface(path: Path | str) -> trimesh.Trimesh:
         In O [m], vertices and triangles in the file's order, nothing merged. Has
         `vertex_attributes["uncertainty"]` if the file does; `metadata["header"]` is its comments.
 
-    Raises
-    ------
-    InvalidFileError
-        If the file is missing, damaged, of another format, or not a triangle mesh.
+    Raises `InvalidFileError` if the file is missing, damaged, of another format, or not a triangle
+    mesh.
     """
     path = Path(path)
     _require_ply(path)

@@ -41,10 +41,7 @@ def unit_name(metres: float) -> str:
 def chosen_unit(path: Path, stated: float | None, given: str | None) -> float:
     """Return the length of a file's unit [m]: as the file states, else as given, else a metre.
 
-    Raises
-    ------
-    InvalidOptionError
-        If there are no such units, or the given ones contradict the file.
+    Raises `InvalidOptionError` if there are no such units, or the given ones contradict the file.
     """
     if given is not None and given not in UNITS:
         raise InvalidOptionError.not_one_of("units", given, UNITS)

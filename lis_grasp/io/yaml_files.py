@@ -58,11 +58,8 @@ def find_yaml_file(
 def read_yaml(path: Path) -> Any:
     """Return the content of a YAML file of plain values.
 
-    Raises
-    ------
-    InvalidFileError
-        If the file cannot be read, is not YAML, repeats a key, has an alias inside of itself, or
-        is larger than 2 MiB or the limits of `parse_yaml`.
+    Raises `InvalidFileError` if the file cannot be read, is not YAML, repeats a key, has an alias
+    inside of itself, or is larger than 2 MiB or the limits of `parse_yaml`.
     """
     with reading(path, "YAML", most=_MOST_BYTES):
         text = path.read_text(encoding="utf-8")

@@ -146,10 +146,7 @@ class FrameTree:
     def pose(self, base: str, frame: str, times: FloatArray) -> FloatArray:
         """Return poses of a frame in a base frame at times (N,), shape (N, 4, 4); NaN if unknown.
 
-        Raises
-        ------
-        InvalidInputError
-            If no chain of transforms connects the two frames.
+        Raises `InvalidInputError` if no chain of transforms connects the two frames.
         """
         poses = np.tile(np.eye(4), (len(times), 1, 1))
         if base == frame:

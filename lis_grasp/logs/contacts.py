@@ -130,10 +130,7 @@ def _slow_topics(log: RobotLog) -> str:
 def choose_topic(log: RobotLog, content: Content, given: str | None, option: str, *but: str) -> str:
     """Return the topic that is given, or the only one of the content (`but` others).
 
-    Raises
-    ------
-    InvalidInputError
-        If it is not there, or there is not exactly one.
+    Raises `InvalidInputError` if it is not there, or there is not exactly one.
     """
     names = [topic.name for topic in log.topics if topic.content == content]
     known = ", ".join(names) or "none"

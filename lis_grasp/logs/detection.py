@@ -155,12 +155,9 @@ def detect_touches(
 def contacts_of_touches(fingers: list[Touches], detection: TouchDetection) -> Contacts:
     """Return the contacts of all fingers, in time order, in the object frame O.
 
-    Raises
-    ------
-    InvalidOptionError
-        If normals are to come from forces without directions.
-    InvalidContactsError, EstimationError
-        If normals cannot be estimated, see `estimate_normals`.
+    Raises `InvalidOptionError` if normals are to come from forces without directions, and
+    `InvalidContactsError`, `EstimationError` if normals cannot be estimated, see
+    `estimate_normals`.
     """
     order = np.argsort(np.concatenate([touch.times for touch in fingers]), kind="stable")
     joined = {

@@ -65,12 +65,8 @@ class BagLog:
     def __init__(self, path: Path) -> None:
         """Open a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag.
 
-        Raises
-        ------
-        InvalidInputError
-            If the package `rosbags` is not installed.
-        InvalidFileError
-            If the file is missing, damaged, or not of its format.
+        Raises `InvalidInputError` if the package `rosbags` is not installed, and `InvalidFileError`
+        if the file is missing, damaged, or not of its format.
         """
         self._path = path
         self._frames: FrameTree | None = None

@@ -129,10 +129,8 @@ class ObjectPlace:
     def space(self, contacts: Contacts) -> Workspace | Region:
         """Return the region, or the workspace of the object that the contacts show.
 
-        Raises
-        ------
-        InvalidOptionError
-            If fewer than two contacts leave the size unknown, or none the table.
+        Raises `InvalidOptionError` if fewer than two contacts leave the size unknown, or none the
+        table.
         """
         if self.region is not None:
             return Region(self.region)

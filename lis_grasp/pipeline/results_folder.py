@@ -49,13 +49,9 @@ _LONGEST_PART = 40
 def results_folder(config: RunConfig, named: Path | str | None) -> Path:
     """Return the folder of a run: the one that is named, or `default_output`.
 
-    Raises
-    ------
-    InvalidOptionError
-        If the folder has results of another object; a default one also if they are of another
-        configuration, such as of a file of the same name in another folder.
-    InvalidFileError
-        If it has files of other programs that the run would replace.
+    Raises `InvalidOptionError` if the folder has results of another object; a default one also if
+    they are of another configuration, such as of a file of the same name in another folder, and
+    `InvalidFileError` if it has files of other programs that the run would replace.
     """
     folder = default_output(config) if named is None else Path(named)
     facts = config.facts()

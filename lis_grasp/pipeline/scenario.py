@@ -146,12 +146,8 @@ class Scenario:
 def find_object(config: RunConfig) -> Shape:
     """Return the configured object in its own frame O.
 
-    Raises
-    ------
-    InvalidOptionError
-        If there is none of that name, or `units` or `up` are given for a built-in shape.
-    InvalidFileError, InvalidMeshError
-        If its file cannot be used.
+    Raises `InvalidOptionError` if there is none of that name, or `units` or `up` are given for a
+    built-in shape, and `InvalidFileError`, `InvalidMeshError` if its file cannot be used.
     """
     for name, value, usual in (("units", config.units, "m"), ("up", config.up, "z")):
         if value not in (None, usual) and config.object in NAMES:

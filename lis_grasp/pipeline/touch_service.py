@@ -125,10 +125,8 @@ class TouchService:
     def answer(self, content: Mapping[str, Any]) -> dict[str, Any]:
         """Return the answer to a request, as plain values.
 
-        Raises
-        ------
-        LisGraspError
-            If the request is not valid, or cannot be carried out; nothing has changed then.
+        Raises `LisGraspError` if the request is not valid, or cannot be carried out; nothing has
+        changed then.
         """
         kind = content.get("request", "next")
         if not isinstance(kind, str) or kind not in _REQUESTS:

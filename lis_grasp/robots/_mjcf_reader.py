@@ -33,13 +33,9 @@ def parse_mjcf(path: Path) -> yourdfpy.Robot:
     fixed; so does each but the last of several joints of a body. `Couplings` says what follows, and
     what is fixed; the attribute ``notes`` of the result lists such decisions.
 
-    Raises
-    ------
-    InvalidOptionError
-        If MuJoCo is not installed.
-    InvalidFileError, InvalidHandError
-        If the file cannot be compiled; if its joints form closed chains, turn like balls, or are
-        pulled by tendons over sites.
+    Raises `InvalidOptionError` if MuJoCo is not installed, and `InvalidFileError`,
+    `InvalidHandError` if the file cannot be compiled; if its joints form closed chains, turn like
+    balls, or are pulled by tendons over sites.
     """
     with needed_package("mujoco", "mujoco", option=f"{path.name}, an MJCF,"):
         import mujoco

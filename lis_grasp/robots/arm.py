@@ -46,10 +46,8 @@ class Arm(RobotModel):
     def load(cls, path_or_name: str | Path) -> Arm:
         """Read an arm: one of `READY_ARMS`, or a YAML file by its path.
 
-        Raises
-        ------
-        InvalidArmError
-            If there is no such arm, or its YAML or URDF is incomplete or contradicts itself.
+        Raises `InvalidArmError` if there is no such arm, or its YAML or URDF is incomplete or
+        contradicts itself.
         """
         return cls(**read_arm_file(path_or_name))
 

@@ -141,12 +141,9 @@ def load_obstacles(path: str | Path) -> trimesh.Trimesh:
 
     Units and axes that the file states are used, as `load` does; else it is in metres, z upwards.
 
-    Raises
-    ------
-    InvalidFileError
-        If the file is missing, of another format, unreadable or without faces.
-    InvalidMeshError
-        If it is too large for metres, or has vertices that are no finite numbers.
+    Raises `InvalidFileError` if the file is missing, of another format, unreadable or without
+    faces, and `InvalidMeshError` if it is too large for metres, or has vertices that are no finite
+    numbers.
     """
     _, vertices, faces, metres, _ = _read(Path(path), None, None)
     mesh = trimesh.Trimesh(vertices * metres, faces)  # equal vertices are merged

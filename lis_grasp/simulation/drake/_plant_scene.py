@@ -91,10 +91,7 @@ class PlantScene:
     def step(self, *, of: str) -> None:
         """Advance by one time step.
 
-        Raises
-        ------
-        SimulationError
-            If Drake fails; its message names what the simulation is `of`.
+        Raises `SimulationError` if Drake fails; its message names what the simulation is `of`.
         """
         self.steps += 1
         time = self.steps * self.time_step

@@ -63,12 +63,8 @@ class TransitScene:
         `touch` is the time of the touch that begins or ends it [s], beside which a fingertip may
         graze the object; None for none.
 
-        Raises
-        ------
-        ArmStoppedError
-            If the arm touches something, or a joint stays at its largest effort.
-        SimulationError
-            If Drake's solver fails.
+        Raises `ArmStoppedError` if the arm touches something, or a joint stays at its largest
+        effort, and `SimulationError` if Drake's solver fails.
         """
         self._place(way, q_hand, X_WO)
         for n in range(1, len(way.times)):

@@ -163,10 +163,8 @@ def find_hand(plant: MultibodyPlant, hand: Hand, instance: ModelInstanceIndex) -
     Its links and joints are found in the model instance by their names. A link without hydroelastic
     properties is reported by a warning while the plant is not finalized.
 
-    Raises
-    ------
-    InvalidOptionError
-        If the instance lacks a link, a joint or an actuator, or has other actuators.
+    Raises `InvalidOptionError` if the instance lacks a link, a joint or an actuator, or has other
+    actuators.
     """
     name = plant.GetModelInstanceName(instance)
     followers = [joint for joint in hand.joints if joint.follows]

@@ -137,12 +137,8 @@ class LiftScene:
     def step(self) -> None:
         """Advance by one time step.
 
-        Raises
-        ------
-        SimulationError
-            If Drake could not take the step, or the object's pose is no longer finite.
-        ArmStoppedError
-            If an arm cannot go on.
+        Raises `SimulationError` if Drake could not take the step, or the object's pose is no longer
+        finite, and `ArmStoppedError` if an arm cannot go on.
         """
         self._scene.step(of="a lift")
         if not np.isfinite(self._scene.plant.GetPositions(self._scene.context)).all():

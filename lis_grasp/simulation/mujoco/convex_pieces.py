@@ -26,10 +26,7 @@ def convex_pieces(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, ...]:
     concave. A convex object is one piece: its hull. The same mesh gives the same pieces; those of
     the last few objects are kept, because cutting takes seconds.
 
-    Raises
-    ------
-    InvalidOptionError
-        If the package coacd is not installed.
+    Raises `InvalidOptionError` if the package coacd is not installed.
     """
     if _is_convex(mesh):
         return (mesh.convex_hull,)

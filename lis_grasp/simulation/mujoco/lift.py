@@ -109,10 +109,7 @@ class MujocoScene:
     def step(self) -> None:
         """Advance by one time step.
 
-        Raises
-        ------
-        SimulationError
-            If positions or velocities are no longer finite.
+        Raises `SimulationError` if positions or velocities are no longer finite.
         """
         self._steps += 1
         before = self._data.ctrl[:6].copy()
