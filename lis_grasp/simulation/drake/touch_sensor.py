@@ -11,7 +11,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.geometry import GeometryId
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
+from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Context, EventStatus, InputPort, LeafSystem, State
 
 from lis_grasp.contacts import Contacts
@@ -31,7 +31,7 @@ from lis_grasp.simulation.drake.contact_patches import (
     link_contacts,
 )
 from lis_grasp.simulation.drake.hand_plant import HandInPlant
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import FloatArray, IndexArray
 
 _SWEEP_PERIOD = 0.02  # between looks at the hand's poses for free space [s]
 
@@ -150,12 +150,7 @@ class TouchSensor(LeafSystem):
         self._detection = TouchDetection(threshold=threshold, spacing=spacing)
         self._X_FE = np.eye(4) if X_WE is None else X_WE.GetAsMatrix4()
         self._frame = None if frame is None else frame.index()
-        self._links = [
-            (body.index(), link, balls)
-            for link, body in hand.links.bodies.items()
-            if len(balls := _balls_of(hand, link))
-        ]
-        self._radii = np.concatenate([balls[:, 3] for _, _, balls in self._links])
+        self._bodies, self._owners, self._balls = _balls_of(hand)
         self._warned = False
         declare = self.DeclareAbstractInputPort
         self._results: InputPort = declare("contact_results", AbstractValue.Make(ContactResults()))
@@ -236,10 +231,10 @@ class TouchSensor(LeafSystem):
         felt: _Felt = state.get_abstract_state(0).get_value()
         if not self._listens(context):
             return EventStatus.DidNothing()
-        poses, X_EW = self._poses.Eval(context), inverse_pose(self._X_WE(context))
-        centers = np.concatenate(
-            [apply_pose(X_EW @ poses[i].GetAsMatrix4(), b[:, :3]) for i, _, b in self._links]
-        )
+        every, X_EW = self._poses.Eval(context), inverse_pose(self._X_WE(context))
+        X_EL = X_EW @ np.array([every[body].GetAsMatrix4() for body in self._bodies])
+        centers = apply_pose(X_EL[self._owners], self._balls[:, None, :3])[:, 0]
+        radii = self._balls[:, 3]
         moved = np.inf
         if felt.looked is not None:
             moved = float(np.linalg.norm(centers - felt.looked, axis=1).max())
@@ -249,14 +244,14 @@ class TouchSensor(LeafSystem):
         apart = np.linalg.norm(centers - self._space.center, axis=1)
         cells = np.round(centers / FREE_POINT_SPACING).astype(int)
         rows, added = [], set()
-        for ball in np.flatnonzero(apart < self._space.radius + self._radii):
+        for ball in np.flatnonzero(apart < self._space.radius + radii):
             cell = (int(ball), *cells[ball].tolist())
             if cell not in felt.cells:
                 rows.append(ball)
                 added.add(cell)
         swept = felt.swept
         if rows:
-            swept = (*swept, np.column_stack([centers[rows], self._radii[rows]]))
+            swept = (*swept, np.column_stack([centers[rows], radii[rows]]))
         return _updated(
             state, felt, replace(felt, swept=swept, cells=felt.cells | added, looked=centers)
         )
@@ -347,11 +342,11 @@ def _geometries(
     }
 
 
-def _balls_of(hand: HandInPlant, link: str) -> FloatArray:
-    """Return balls inside of a link, centres in its frame and radii [m], shape (B, 4)."""
-    balls = [np.empty((0, 4))]
-    for geometry in hand.hand.link_geometries:
-        if geometry.link == link:
-            centers, radii = balls_inside(geometry)
-            balls.append(np.column_stack([apply_pose(geometry.X_LG, centers), radii]))
-    return np.concatenate(balls)
+def _balls_of(hand: HandInPlant) -> tuple[list[BodyIndex], IndexArray, FloatArray]:
+    """Return bodies, and balls inside of them: their bodies (B,), centres and radii (B, 4) [m]."""
+    geometries = [(g, *balls_inside(g)) for g in hand.hand.link_geometries]
+    links = list(dict.fromkeys(g.link for g, _, _ in geometries))
+    owners = [links.index(g.link) for g, _, radii in geometries for _ in radii]
+    balls = [np.column_stack([apply_pose(g.X_LG, c), r]) for g, c, r in geometries]
+    bodies = [hand.links.bodies[link].index() for link in links]
+    return bodies, np.array(owners, dtype=np.intp), np.concatenate([np.empty((0, 4)), *balls])
