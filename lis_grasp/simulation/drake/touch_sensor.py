@@ -17,6 +17,7 @@ from pydrake.systems.framework import Context, EventStatus, InputPort, LeafSyste
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration.loop import new_contacts
+from lis_grasp.exploration.probe_motions import TRANSIT_SPEED
 from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
@@ -33,7 +34,8 @@ from lis_grasp.simulation.drake.contact_patches import (
 from lis_grasp.simulation.drake.hand_plant import HandInPlant
 from lis_grasp.typing import FloatArray, IndexArray
 
-_SWEEP_PERIOD = 0.02  # between looks at the hand's poses for free space [s]
+# Between looks at the hand's poses for free space [s].
+_SWEEP_PERIOD = FREE_POINT_SPACING / TRANSIT_SPEED
 
 
 @dataclass(frozen=True, slots=True, eq=False)
