@@ -162,6 +162,20 @@ class EstimationError(LisGraspError):
     """A surface that could not be estimated or meshed from valid contacts."""
 
 
+class TooManyBadContactsError(EstimationError):
+    """Contacts of which more than a quarter contradicts the others.
+
+    Attributes
+    ----------
+    bad, count
+        Numbers of bad and of all contacts.
+    """
+
+    def __init__(self, message: str, *, bad: int = 0, count: int = 0) -> None:
+        super().__init__(message)
+        self.bad, self.count = bad, count
+
+
 class PluginError(EstimationError):
     """An error that a plug-in raised: an estimator, a policy or a hand. The cause is chained.
 

@@ -45,9 +45,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--normals",
         choices=get_args(NormalSide),
-        help="side that the normals of CONTACTS point to (default: outward, which is checked)",
+        help="side that the normals of CONTACTS point to; unsigned: unknown for each, the likeliest"
+        " sides are chosen (default: outward, which is checked)",
     )
-    names = ("estimator", "free_space", "position_noise", "normal_noise")
+    parser.add_argument(
+        "--viewpoint",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="place of the sensor [m] that the normals of CONTACTS point to",
+    )
+    names = ("estimator", "free_space", "keep_all", "position_noise", "normal_noise")
     opt.add_options(parser, *names, recorded=True)
     opt.add_output(parser, "the folder of CONTACTS")
     parser.set_defaults(execute=execute)
@@ -63,10 +71,10 @@ def execute(options: argparse.Namespace) -> None:
         )
     noise = options.position_noise, options.normal_noise
     sources = [
-        ContactSource(path, options.units, options.normals, *noise, radius)
+        ContactSource(path, options.units, options.normals, *noise, radius, options.viewpoint)
         for path, radius in zip(paths, radii, strict=True)
     ]
-    used = opt.given(options, "estimator", "free_space")
+    used = opt.given(options, "estimator", "free_space", "keep_all")
     made = estimate_file(sources, options.output, progress=PRINTED, **used)
     uncertainty = np.median(made.mesh.vertex_attributes["uncertainty"])
     say(

@@ -31,7 +31,7 @@ from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.touch_service import TouchService
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import STABLE
-from lis_grasp.surfaces import load_contacts
+from lis_grasp.surfaces import judge_contacts, load_contacts
 from lis_grasp.typing import FloatArray
 
 _NOISE = ("position_noise", "normal_noise")
@@ -100,6 +100,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Choose the next touch, print it, and write it; or answer requests for touches."""
     before, outcomes, recorded = _read(options.contacts, options.position_noise)
+    before = _credible(before, options)
     place = _place(options, recorded)
     config = _configuration(options, recorded)
     if options.serve or options.port is not None or options.socket is not None:
@@ -121,6 +122,18 @@ def execute(options: argparse.Namespace) -> None:
         path /= "next.json"
     write_json(path, touch.facts(hand))
     say(f"wrote {path}")
+
+
+def _credible(contacts: Contacts, options: argparse.Namespace) -> Contacts:
+    """Return contacts without those that the others contradict, which it reports."""
+    if not len(contacts):
+        return contacts
+    noise = options.position_noise, options.normal_noise
+    verdicts = judge_contacts(contacts, position_noise=noise[0], normal_noise=noise[1])
+    if not verdicts.bad.any():
+        return contacts
+    say(f"warning: {verdicts.sentence()}")
+    return verdicts.credible
 
 
 def _height(text: str) -> float | str:

@@ -29,7 +29,7 @@ from lis_grasp.exploration.workspace import Estimate, ObstacleModel, Workspace
 from lis_grasp.records import Record, short_repr
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.implicit_surface import DeferredSurface
-from lis_grasp.typing import FloatArray, IndexArray, Seed
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray, Seed
 
 # Contacts closer than this are duplicates [m].
 _SAME_CONTACT = 1e-3
@@ -64,6 +64,9 @@ class ExplorationSetup:
         Model of the tactile sensor; None for an ideal one.
     stop
         Rules that end the exploration early, checked after every probe once there is an estimate.
+    find_strays
+        Returns the rows of contacts that the others contradict. Those of earlier probes are
+        dropped, and their places probed again, once; None to believe all.
     tracker
         Tracks the pose of an object that touches move, repeats touches for it, and keeps contacts
         in the object's frame; None if nothing moves.
@@ -81,6 +84,7 @@ class ExplorationSetup:
     prior: Contacts | None = None
     sensor: TactileSensor | None = None
     stop: Sequence[StopRule] = ()
+    find_strays: Callable[[Contacts], IndexArray] | None = None
     tracker: PoseTracker | None = None
 
     __repr__ = short_repr
@@ -146,7 +150,7 @@ class Exploration(Record):
         contacts, clock, used = Contacts.empty(), 0.0, 0
         for outcome in outcomes:
             used += 1
-            contacts = _with_outcome(contacts, outcome, clock, touches)
+            contacts = _after(contacts, outcome, clock, touches)
             clock += outcome.duration
             if touches is not None and len(contacts) >= touches:
                 break
@@ -165,6 +169,8 @@ class Exploration(Record):
             contacts = _with_outcome(contacts, outcome, 0.0, len(self.contacts))
             touches = [] if outcome.lost else touches
             touches += [outcome] * (len(contacts) - len(touches))
+            contacts, kept = _without_dropped(contacts, outcome)
+            touches = [touch for touch, is_kept in zip(touches, kept, strict=True) if is_kept]
         return tuple(touches)
 
     @property
@@ -180,9 +186,11 @@ class Exploration(Record):
     def summary(self) -> str:
         """Return the counts in one line."""
         counts = Counter(outcome.status for outcome in self.outcomes)
+        dropped = sum(len(outcome.dropped) for outcome in self.outcomes)
         return (
             f"{_count(len(self.contacts), 'contact')} from {_count(len(self.outcomes), 'probe')}"
             f" ({', '.join(f'{counts[status]} {status}' for status in get_args(ProbeStatus))})"
+            + (f", {dropped} dropped that later ones contradict" if dropped else "")
         )
 
 
@@ -277,13 +285,13 @@ def advance(
     changes, except the generator of `choose`, from which it draws.
     """
     if setup.tracker is None:
-        return _added(setup, state, outcome)
+        return _without_strays(setup, state, outcome)
     repeated = setup.tracker.probe_again(state.outcomes) is not None
     recent = since_loss(state.outcomes)
     outcome, frames = setup.tracker.track(
         outcome, recent, state.known, state.estimated, repeated=repeated
     )
-    return replace(_added(setup, state, outcome), frames=frames)
+    return replace(_without_strays(setup, state, outcome), frames=frames)
 
 
 def choose(
@@ -306,21 +314,40 @@ def choose(
     return NextProbe(probe, ObstacleModel(setup.space.grown(known), known, state.surface))
 
 
+def _without_strays(
+    setup: ExplorationSetup, state: ExplorationState, outcome: ProbeOutcome
+) -> ExplorationState:
+    """Return the state after an outcome, without the strays among the contacts before it."""
+    after = _added(setup, state, outcome)
+    if setup.find_strays is None or outcome.lost or len(after.contacts) <= len(state.contacts):
+        return after
+    strays = setup.find_strays(after.contacts)
+    points = after.contacts.points[strays[strays < len(state.contacts)]]
+    # A place that was probed again is believed.
+    for before in state.outcomes:
+        again = np.linalg.norm(points[:, None] - before.dropped, axis=2) < after.contacts.spacing
+        points = points[~again.any(axis=1)]
+    return _added(setup, state, replace(outcome, dropped=points)) if len(points) else after
+
+
 def _added(
     setup: ExplorationSetup, state: ExplorationState, outcome: ProbeOutcome
 ) -> ExplorationState:
     """Return the state after an outcome, which a tracker has placed in the object's frame."""
     before = len(state.known)
+    if len(outcome.dropped):
+        state = replace(state, estimated=None)
     if outcome.lost:  # what was known before is not where the object is now
         state, before = replace(state, prior=Contacts.empty(), estimated=None), 0
     state = replace(
         state,
         outcomes=(*state.outcomes, outcome),
-        contacts=_with_outcome(state.contacts, outcome, state.duration, setup.touches),
+        contacts=_after(state.contacts, outcome, state.duration, setup.touches),
         frames=(),
         duration=state.duration + outcome.duration,
     )
-    return _estimated(setup, state, is_new=len(state.known) > before)
+    is_new = len(state.known) > before or len(outcome.dropped) > 0
+    return _estimated(setup, state, is_new=is_new)
 
 
 def _estimated(
@@ -356,6 +383,21 @@ def _reason_to_end(setup: ExplorationSetup, state: ExplorationState) -> str | No
             if reason:
                 return reason
     return None
+
+
+def _after(
+    contacts: Contacts, outcome: ProbeOutcome, clock: float, touches: int | None
+) -> Contacts:
+    """Return the contacts after an outcome: `_with_outcome`, without those that it dropped."""
+    return _without_dropped(_with_outcome(contacts, outcome, clock, touches), outcome)[0]
+
+
+def _without_dropped(contacts: Contacts, outcome: ProbeOutcome) -> tuple[Contacts, BoolArray]:
+    """Return the contacts that an outcome did not drop, and which these are, (N,)."""
+    kept = np.ones(len(contacts), dtype=bool)
+    for point in outcome.dropped:
+        kept &= np.any(contacts.points != point, axis=1)
+    return (contacts if kept.all() else contacts.subset(kept)), kept
 
 
 def _with_outcome(

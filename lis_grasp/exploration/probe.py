@@ -126,6 +126,9 @@ class ProbeOutcome(Record):
     tracked
         Belief about the object's pose after the probe, where it is tracked. The contacts are then
         in the object's frame after it, and the probe is in that before it.
+    dropped
+        Shape (D, 3) [m], in O: points of earlier contacts that this outcome, with all others, shows
+        to be strays.
 
     Raises
     ------
@@ -147,6 +150,7 @@ class ProbeOutcome(Record):
     hand_pose: HandPose | None = None
     simulated_pose: FloatArray | None = None
     tracked: PoseBelief | None = None
+    dropped: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     __repr__ = short_repr
 

@@ -127,6 +127,7 @@ def _row(outcome: ProbeOutcome) -> Row:
     row |= {name: _none_for_nan(values) for name, values in noise.items() if values is not None}
     row |= {"free_points": outcome.free_points, "free_radii": outcome.free_radii}
     row |= {"X_OH": None, "joint_positions": None} if hand_pose is None else fields_of(hand_pose)
+    row |= {"dropped": outcome.dropped} if len(outcome.dropped) else {}
     row |= {} if tracked is None else {"tracked_pose": tracked.as_dict()}
     row |= {} if outcome.simulated_pose is None else {"simulated_pose": outcome.simulated_pose}
     return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in row.items()}
@@ -168,6 +169,7 @@ def _outcome(row: TouchEntry) -> ProbeOutcome:
         None if row.X_OH is None else HandPose(np.array(row.X_OH), np.array(row.joint_positions)),
         _array(row.simulated_pose),
         None if tracked is None else PoseBelief.from_dict(tracked.model_dump()),
+        _rows(row.dropped),
     )
 
 
@@ -221,3 +223,4 @@ class TouchEntry(FileRecord):
     joint_positions: list[Number] | None = None
     simulated_pose: Pose | None = None
     tracked_pose: BeliefEntry | None = None
+    dropped: list[Vector] = Field(default_factory=list)

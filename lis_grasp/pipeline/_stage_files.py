@@ -25,6 +25,9 @@ from lis_grasp.pipeline.stages import Stopwatch, estimate, plan
 NOISE = ("position_noise", "normal_noise")
 """Facts of a sensor in the headers of surfaces."""
 
+OF_CONTACTS = ("turned", "left_out", "doubt_log_odds", "warnings")
+"""Facts in the headers of surfaces of what the contacts are worth, if there is anything to say."""
+
 PLANNED_WITH = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "obstacles", "seed")
 """Options that a plan of grasps depends on."""
 
@@ -36,11 +39,20 @@ def write_surface(
     recorded: Mapping[str, Any],
     progress: Progress,
 ) -> trimesh.Trimesh:
-    """Estimate a surface from contacts with the recorded facts, and write and return its mesh."""
+    """Estimate a surface from contacts with the recorded facts, and write and return its mesh.
+
+    Its header has the verdicts on bad contacts, by their rows, and the warnings of the estimate.
+    """
+    verdicts, warnings = known.judge(contacts), list(recorded.get("warnings") or ())
+    credible = verdicts.credible
+    if verdicts.bad.any():
+        warnings.append(verdicts.sentence())
+        progress.say(f"warning: {warnings[-1]} (`keep_all` believes all)")
     with progress.stage(f"Estimating the surface ({known.estimator})") as stage:
-        _, mesh = estimate(known, contacts)
+        _, mesh = estimate(known, credible)
         facts = {name: getattr(known.sensor, name) for name in NOISE}
         facts |= {"estimator": known.estimator, "free_space": known.free_space}
+        facts |= verdicts.facts() | {"warnings": warnings} if warnings else {}
         save_surface(mesh, path, header=provenance.merge(recorded, **facts))
         stage.result = f"{len(mesh.faces)} triangles from {len(contacts)} contacts"
     return mesh

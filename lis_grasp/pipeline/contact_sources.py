@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,7 +24,7 @@ class ContactSource:
     ----------
     path
         The file.
-    units, normals, fingertip_radius
+    units, normals, fingertip_radius, viewpoint
         The arguments of `load_contacts`.
     position_noise, normal_noise
         Noise of contacts that do not carry their own [m], [rad]; None for what the file's header
@@ -42,6 +42,7 @@ class ContactSource:
     position_noise: float | None = None
     normal_noise: float | None = None
     fingertip_radius: float = 0.0
+    viewpoint: Sequence[float] | None = None
 
 
 def load_source(source: ContactSource) -> Contacts:
@@ -63,6 +64,7 @@ def load_source(source: ContactSource) -> Contacts:
         units=source.units,
         normals=source.normals,
         fingertip_radius=source.fingertip_radius,
+        viewpoint=source.viewpoint,
         position_noise=given[0],
     )
     return with_noise(contacts, *given)

@@ -47,6 +47,7 @@ from lis_grasp.typing import FloatArray
 # Fields that distinguish contacts.
 _COMPARED = ("points", "normals", *NOISE)
 _LIFTED_WITH = ("object", "size", "units", "up", "arm", "base", "mass", "friction", "simulator")
+_WARNING = "warning: "
 # Fewer contacts show hardly more than position and size: a run plans no grasp on them either.
 _FEW = 10
 
@@ -93,8 +94,8 @@ def estimate_file(
 
     Its contacts are written beside it if the folder lacks them, and files that were made from an
     earlier surface are removed. The folder is that of the first file for None. The options are
-    ``estimator`` and ``free_space``; those that are missing or None are as recorded in the files,
-    else as in `RunConfig`.
+    ``estimator``, ``free_space`` and ``keep_all``; those that are missing or None are as recorded
+    in the files, else as in `RunConfig`.
 
     Raises `InvalidContactsError` if there are no contacts, `InvalidOptionError` if the folder has
     others that must be kept, `TypeError` for another option.
@@ -108,7 +109,7 @@ def estimate_file(
     >>> made.path.name, made.mesh.is_watertight
     ('surface.ply', True)
     """
-    require_used(estimate_file, options, ("estimator", "free_space"))
+    require_used(estimate_file, options, ("estimator", "free_space", "keep_all"))
     paths = [Path(source.path) for source in sources]
     contacts, recorded = _load_sources(sources)
     if not len(contacts):
@@ -118,12 +119,15 @@ def estimate_file(
     known = Perception.from_config(config, recorded.get("support_height"))
     folder = paths[0].parent if folder is None else folder
     is_kept = _require_contacts_fit(folder, contacts, paths)
-    checked = "object" in recorded or any(source.normals for source in sources)
+    checked = "object" in recorded or any(source.normals or source.viewpoint for source in sources)
+    warnings = []
     for line in _findings(contacts, paths, checked=checked):
         progress.say(line)
+        warnings += [line.removeprefix(_WARNING)] if line.startswith(_WARNING) else []
+    made = recorded | ({"warnings": warnings} if warnings else {})
     path = folder / "surface.ply"
     with result_file(path, progress) as temporary:
-        mesh = write_surface(temporary, known, contacts, recorded, progress)
+        mesh = write_surface(temporary, known, contacts, made, progress)
         if not is_kept:
             with result_file(folder / "contacts.ply", progress) as copy:
                 contacts.save(copy, header=provenance.merge(recorded))
@@ -161,6 +165,8 @@ def grasp_file(
     recorded = read_facts(path, usual="surface.ply")
     config = RunConfig.from_facts({"hand": None, **options}, recorded)
     mesh = load_mesh(path, options, recorded, progress)
+    for warning in recorded.get("warnings") or ():
+        progress.say(f"{_WARNING}of the estimate: {warning}")
     hand = Hand.load(config.hand)
     if support is None:
         support = recorded.get("support_height", float(mesh.bounds[0, 2]))
@@ -297,6 +303,7 @@ def _load_sources(sources: Sequence[ContactSource]) -> tuple[Contacts, dict[str,
             # Normals that this package simulated are outward.
             normals=source.normals or ("outward" if "object" in recorded else None),
             fingertip_radius=source.fingertip_radius,
+            viewpoint=source.viewpoint,
             position_noise=source.position_noise,
         )
         return contacts, recorded
@@ -359,12 +366,12 @@ def _findings(contacts: Contacts, paths: Sequence[Path], *, checked: bool) -> It
     doubt = 0.0 if checked else fraction_in_front(contacts)
     if doubt > DOUBTFUL:
         yield (
-            f"warning: {100 * doubt:.0f} % of the contacts are in front of another: if the estimate"
-            " is inside out, give `normals` inward"
+            f"{_WARNING}{100 * doubt:.0f} % of the contacts are in front of another: if the"
+            " estimate is inside out, give `normals` inward"
         )
     if len(contacts) < _FEW:
         yield (
-            f"warning: fewer than {_FEW} contacts show little more than position and size of an"
+            f"{_WARNING}fewer than {_FEW} contacts show little more than position and size of an"
             " object, and the standard deviation is too small"
         )
 

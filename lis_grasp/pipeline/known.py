@@ -23,7 +23,7 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import default_mass
 from lis_grasp.shapes.loading import load_obstacles
 from lis_grasp.shapes.object_mass import USUAL_FRICTION, USUAL_MASS, published_mass
-from lis_grasp.surfaces import Estimator
+from lis_grasp.surfaces import ContactVerdicts, Estimator, judge_contacts
 from lis_grasp.typing import FloatArray
 
 UNKNOWN_LOAD = LoadPrior(USUAL_FRICTION, USUAL_MASS, friction_spread=0.25, mass_spread=np.log(2))
@@ -49,6 +49,7 @@ class Perception:
     estimator: str | Estimator = "blend"  #: a name, or called with the contacts alone
     sensor: TactileSensor = field(default_factory=TactileSensor)  #: the estimator knows its noise
     free_space: bool = True  #: whether the contacts' free space is removed from the estimate
+    keep_all: bool = False  #: whether contacts that the others contradict are believed
     table: float | None = None  #: height of a table that closes it from below [m]
 
     @classmethod
@@ -58,7 +59,16 @@ class Perception:
             estimator=config.estimator,
             sensor=config.sensor(),
             free_space=config.free_space,
+            keep_all=config.keep_all,
             table=_table(config, support),
+        )
+
+    def judge(self, contacts: Contacts) -> ContactVerdicts:
+        """Return the verdicts on contacts, given the sensor's noise; with `keep_all`, all sound."""
+        return judge_contacts(
+            replace(contacts, judged=True) if self.keep_all else contacts,
+            position_noise=self.sensor.position_noise or None,
+            normal_noise=self.sensor.normal_noise or None,
         )
 
 

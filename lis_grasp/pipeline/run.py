@@ -14,11 +14,12 @@ from lis_grasp.exploration.workspace import lowest_tip
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.lifting.arm_use import ArmUse
-from lis_grasp.pipeline._stage_files import StoredStages
+from lis_grasp.pipeline._stage_files import OF_CONTACTS, StoredStages
 from lis_grasp.pipeline.exploring import explore_into, say_object
 from lis_grasp.pipeline.known import require_record
 from lis_grasp.pipeline.lifting_stage import require_simulator
 from lis_grasp.pipeline.progress import SILENT, Progress
+from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.regrasp import grasp_with_tactile_check
 from lis_grasp.pipeline.report_json import build_report
 from lis_grasp.pipeline.results import Run
@@ -93,6 +94,8 @@ def run(
         with progress.stage("Reporting"), watch.measure("report"):
             _LOG.info("comparing the estimate and the grasps with the true object")
             report = build_report(after, exploration, attempts, arm_use)
+            estimated = read_facts(folder / "surface.ply")
+            report |= {name: estimated[name] for name in OF_CONTACTS if name in estimated}
             _LOG.info("drawing the scene")
             write_scene_of(folder, report)
         report["timings"] = {name: round(seconds, 3) for name, seconds in watch.seconds.items()}

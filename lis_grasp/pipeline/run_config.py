@@ -219,6 +219,11 @@ class RunConfig:
         SURFACE,
         words="yes",
     )
+    keep_all: bool = option(
+        False,
+        "believe every contact: do not turn or leave out those that the others contradict",
+        SURFACE,
+    )
     cloud: str | None = option(
         None,
         "contacts known before the first touch, in the object's frame: a point cloud with normals,"

@@ -69,6 +69,10 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
             outcomes = _outcomes(log)
             content["touches"] = _touches(outcomes, contacts, made, hand)
             content |= _search(outcomes, made)
+    rows = [*(facts.get("turned") or ()), *(facts.get("left_out") or ())]
+    content["bad_contacts"] = [] if contacts is None else [i for i in rows if i < len(contacts)]
+    if "summary" not in content:
+        content["summary"] = [f"warning: {line}" for line in facts.get("warnings") or ()]
     known = 0 if contacts is None else len(contacts)
     if run.mesh is not None:
         content["estimate"] = run.mesh

@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError
+from lis_grasp.exceptions import EstimationError, TooManyBadContactsError
 from lis_grasp.exploration import (
     Exploration,
     ExplorationSetup,
@@ -97,7 +97,7 @@ def estimate(known: Perception, contacts: Contacts) -> tuple[ImplicitSurface, tr
     """
     require_record("estimate", known, Perception)
     surface = estimate_surface(
-        contacts,
+        known.judge(contacts).credible,
         make_estimator(known.estimator, known.sensor),
         free_space=known.free_space,
         margin=known.sensor.free_margin,
@@ -168,12 +168,25 @@ def exploration_setup(known: Known) -> ExplorationSetup:
     """Return the known setup of an exploration, without stop rules and tracker."""
     return ExplorationSetup(
         make_policy(known.policy, known.space, known.sensor),
-        make_estimator(known.estimator, known.sensor),
+        _on_credible(make_estimator(known.estimator, known.sensor), known),
         known.touches,
         space=known.space,
         prior=prior_contacts(known.cloud_contacts),
         sensor=known.sensor,
+        find_strays=None if known.keep_all else lambda c: known.judge(c).rows("stray"),
     )
+
+
+def _on_credible(make: Estimator, known: Perception) -> Estimator:
+    """Return an estimator of what is credible, or of all if too much is not: touches go on."""
+
+    def estimate(contacts: Contacts) -> ImplicitSurface:
+        try:
+            return make(known.judge(contacts).credible)
+        except TooManyBadContactsError:
+            return make(replace(contacts, judged=True))
+
+    return estimate
 
 
 def exploration_rng(known: Known) -> np.random.Generator:
@@ -221,7 +234,9 @@ def make_policy(
     kind = POLICY_NAMES.find(policy)
     if not isinstance(kind, PolicyKind):
         return find_policy(policy, space)
-    guess = make_estimator("gpis", sensor) if kind.uses_gaussian_process else None
+    guess = None
+    if kind.uses_gaussian_process:
+        guess = _on_credible(make_estimator("gpis", sensor), Perception(sensor=sensor))
     return TargetPolicy(space, kind.select, guess)
 
 

@@ -55,6 +55,7 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
         *exploration_lines(report["exploration"]),
         f"estimated rmsd {1e3 * surface['rmsd']:.2f} mm{edges}",
     ]
+    lines += [f"doubted   {warning}" for warning in report.get("warnings", ())]
     iou = surface["iou"]
     if iou is not None and iou < _LOW_IOU:
         lines.append(

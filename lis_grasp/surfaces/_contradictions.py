@@ -18,6 +18,10 @@ SOUND, FLIPPED, WRONG_NORMAL, STRAY = range(4)
 # which a contact is left out, if there are not few.
 _TURN, _TURN_NOISY, _TURN_FEW, _LEAVE_OUT = 8.0, 16.0, 4.0, 4.4
 _FEW = 20
+# It is lower once normals were turned: by this factor times the logarithm of their number plus 1.
+_FOUND = 2.0
+# What was turned is turned back at log odds above minus this.
+_TURNED = 4.0
 # Both are higher for more contacts: by this factor times the logarithm of their number in hundreds.
 _MANY = 2.0
 # A normal that no near contact mirrors so well has no right side; less of noisy normals [1/rad].
@@ -81,7 +85,7 @@ class _Search:
             stray -= self._leave_out
             as_measured = np.where(turned, -flipped, flipped) - turn
             self.odds[self._kept] = np.maximum(as_measured, stray)
-            flipped -= turn
+            flipped -= np.where(turned, -_TURNED, turn - _FOUND * np.log1p(turned.sum()))
             flipped[turns[self._kept] > 1] = -np.inf
             worst = int(np.argmax(np.maximum(flipped, stray)))
             bad = np.mean(self.verdicts != SOUND)

@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
+import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
 from lis_grasp.io.contact_files import read_point_file
 from lis_grasp.io.units import in_metres, require_plausible_size
 from lis_grasp.surfaces._contact_noise import filled
+from lis_grasp.surfaces.contact_verdicts import orient_normals
 from lis_grasp.surfaces.normal_estimation import estimate_normals
 from lis_grasp.surfaces.queries import require_range
 from lis_grasp.typing import FloatArray
@@ -34,8 +36,8 @@ INWARD = 0.75
 DOUBTFUL = 0.55
 """Fraction in front above which normals may point inward."""
 
-NormalSide = Literal["outward", "inward"]
-"""Side of the surface that a file's normals point to."""
+NormalSide = Literal["outward", "inward", "unsigned"]
+"""Side of the surface that a file's normals point to; unsigned: unknown for each."""
 
 
 def fraction_in_front(contacts: Contacts) -> float:
@@ -81,6 +83,7 @@ def load_contacts(
     *,
     units: str | None = None,
     normals: NormalSide | None = None,
+    viewpoint: npt.ArrayLike | None = None,
     fingertip_radius: float = 0.0,
     position_noise: float | None = None,
 ) -> Contacts:
@@ -98,8 +101,11 @@ def load_contacts(
         Length unit of the file, a key of `shapes.UNITS`, None for what its columns state or else
         metres; other arguments are in metres.
     normals
-        Side that the file's normals point to; "inward" ones are flipped. None requires that they
+        Side that the file's normals point to; "inward" ones are flipped, "unsigned" ones have the
+        signs that make all contacts together likeliest (`orient_normals`). None requires that they
         point outward as far as the contacts show it.
+    viewpoint
+        Place of the sensor that the file's normals point to [m], shape (3,); None if unknown.
     fingertip_radius
         Radius of the spherical fingertip [m] if the points are its centres; 0 for surface points.
     position_noise
@@ -148,7 +154,9 @@ def load_contacts(
             kept = {name: fields[name] for name in ("forces", "times", "fingers") if name in fields}
             return replace(estimated, **kept, position_noise=own)
         contacts = Contacts(**fields, normals=own_normals)
-        if normals is None:
+        if viewpoint is not None or normals == "unsigned":
+            contacts = orient_normals(contacts, viewpoint=viewpoint, position_noise=position_noise)
+        elif normals is None:
             require_outward_normals(contacts)
         elif normals == "inward":
             contacts = replace(contacts, normals=-contacts.normals)

@@ -11,7 +11,7 @@ from scipy.spatial.distance import pdist
 from trimesh.graph import connected_component_labels
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError
+from lis_grasp.exceptions import TooManyBadContactsError
 from lis_grasp.geometry import unit
 from lis_grasp.surfaces._contact_noise import (
     filled,
@@ -130,7 +130,7 @@ def prepare_contacts(
         If there is no contact.
     InvalidOptionError
         If a noise is out of range.
-    EstimationError
+    TooManyBadContactsError
         If more than a quarter of the contacts is bad.
     """
     if isinstance(contacts, PreparedContacts):
@@ -139,7 +139,7 @@ def prepare_contacts(
     unknown = np.isnan(_noise(merged))
     position, normal = np.nan_to_num(_noise(with_noise(merged)))
     if not contacts.judged:
-        codes, _ = find_contradictions(merged, position, normal)
+        codes, _ = find_contradictions(in_free_space_of(contacts, merged), position, normal)
         if np.any(codes != SOUND):
             credible = repaired(merged, codes)
             return prepare_contacts(credible, position_noise, normal_noise, most=most)
@@ -151,14 +151,22 @@ def repaired(contacts: Contacts, codes: IndexArray) -> Contacts:
     """Return contacts as `ContactVerdicts.credible`, by codes of their verdicts (N,)."""
     bad = int(np.count_nonzero(codes != SOUND))
     if bad > _MOST_BAD * len(contacts):
-        raise EstimationError(
+        raise TooManyBadContactsError(
             f"{bad} of {len(contacts)} contacts contradict the others, too many to know which are"
-            " true: if the signs of normals are unknown, give --normals unsigned or the place of"
-            " the sensor, --viewpoint X Y Z; if all contacts are right, --keep-all believes them"
+            " true: if the signs of normals are unknown, give `normals` unsigned or the place of"
+            " the sensor, `viewpoint` X Y Z; if all contacts are right, `keep_all` believes them",
+            bad=bad,
+            count=len(contacts),
         )
     signs = np.where(codes == FLIPPED, -1.0, 1.0)[:, None]
     turned = replace(contacts, normals=signs * contacts.normals, judged=True)
     return turned if not bad else turned.subset((codes == SOUND) | (codes == FLIPPED))
+
+
+def in_free_space_of(contacts: Contacts, merged: Contacts) -> Contacts:
+    """Return merged contacts with the free space of those that they were merged from."""
+    free = contacts.free_points, contacts.free_radii
+    return replace(merged, free_points=free[0], free_radii=free[1])
 
 
 def with_noise(

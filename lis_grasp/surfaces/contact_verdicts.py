@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,12 @@ from lis_grasp.surfaces._contradictions import (
     find_contradictions,
 )
 from lis_grasp.surfaces._normal_signs import LEAST_MARGIN, likeliest_signs
-from lis_grasp.surfaces.contact_preparation import merge_duplicates, repaired, with_noise
+from lis_grasp.surfaces.contact_preparation import (
+    in_free_space_of,
+    merge_duplicates,
+    repaired,
+    with_noise,
+)
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 Verdict = Literal["sound", "flipped", "wrong normal", "stray"]
@@ -72,7 +77,7 @@ class ContactVerdicts:
 
         Raises
         ------
-        EstimationError
+        TooManyBadContactsError
             If more than a quarter of the contacts is bad: what is true is then unknown.
         """
         return repaired(self.contacts, self.codes)
@@ -92,16 +97,20 @@ class ContactVerdicts:
         if not parts:
             return ""
         return (
-            f"{' and '.join(parts)} of {len(self.contacts)} contacts: the others contradict them;"
-            " --keep-all believes all"
+            f"{' and '.join(parts)} of {len(self.contacts)} contacts, because the others contradict"
+            f" {'it' if self.bad.sum() == 1 else 'them'}"
         )
 
-    def facts(self) -> dict[str, dict[str, float]]:
-        """Return the rows of bad contacts, from 0, and their log odds as plain values."""
+    def facts(self) -> dict[str, list[Any]]:
+        """Return the rows that were turned and left out, from 0, and their log odds; or nothing."""
+        if not self.bad.any():
+            return {}
+        turned, left_out = self.rows("flipped"), self.rows("wrong normal", "stray")
+        odds = np.round(self.log_odds[np.concatenate([turned, left_out])], 2)
         return {
-            verdict: {str(row): round(float(self.log_odds[row]), 2) for row in self.rows(verdict)}
-            for verdict in _CODES
-            if verdict != "sound" and len(self.rows(verdict))
+            "turned": turned.tolist(),
+            "left_out": left_out.tolist(),
+            "doubt_log_odds": odds.tolist(),
         }
 
 
@@ -123,7 +132,7 @@ def judge_contacts(
     Parameters
     ----------
     contacts
-        At least one, in any frame.
+        At least one, in any frame. All of them are sound if they are `Contacts.judged`.
     position_noise, normal_noise
         See `prepare_contacts`.
 
@@ -145,9 +154,14 @@ def judge_contacts(
     >>> judge_contacts(Contacts(points, normals)).rows("flipped").tolist()
     [7]
     """
+    if contacts.judged:
+        count = len(contacts)
+        return ContactVerdicts(
+            contacts, read_only(np.full(count, SOUND)), read_only(np.full(count, -np.inf))
+        )
     merged = with_noise(merge_duplicates(contacts, position_noise, normal_noise))
     noise = np.nan_to_num(noise_of(merged, None, None))
-    codes, odds = find_contradictions(merged, *noise)
+    codes, odds = find_contradictions(in_free_space_of(contacts, merged), *noise)
     # Repeated contacts share the verdict of their mean: the nearest in place and normal.
     places = np.hstack([merged.points, _SAME_NORMAL * merged.extent * merged.normals])
     measured = np.hstack([contacts.points, _SAME_NORMAL * merged.extent * contacts.normals])
@@ -203,7 +217,7 @@ def orient_normals(
         if margin < LEAST_MARGIN:
             raise EstimationError(
                 "the contacts do not show on which side of each normal is outside: other sides are"
-                " about as likely. Give the place of the sensor (--viewpoint X Y Z), directions of"
+                " about as likely. Give the place of the sensor (`viewpoint` X Y Z), directions of"
                 " approach (columns ax,ay,az, without normals), or contacts on more sides"
             )
     return replace(contacts, normals=signs[:, None] * contacts.normals)

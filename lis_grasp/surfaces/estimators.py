@@ -15,6 +15,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.plugins import Guarded, Registry, errors_of
 from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import above_table, carved
+from lis_grasp.surfaces.contact_verdicts import judge_contacts
 from lis_grasp.surfaces.gaussian_process_implicit_surface import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.local_implicit_surface import LocalImplicitSurface
@@ -67,6 +68,8 @@ class PluggedEstimator:
         InvalidOptionError
             If what is returned is no `ImplicitSurface`.
         """
+        noise = {name: options.get(name) for name in ("position_noise", "normal_noise")}
+        contacts = judge_contacts(contacts, **noise).credible
         with errors_of(self.name, self.make):
             surface = self.make(contacts, **_accepted(self.make, options))
         self._require_members(surface)

@@ -16,6 +16,7 @@ from lis_grasp.visualization.colours import ColourScale, round_up
 
 TRUTH_COLOUR = "#5f86bd"
 CONTACT_COLOUR, NORMAL_COLOUR = "#ff4d4d", "#f2912c"
+BAD_COLOUR = "#8e44ad"
 FREE_COLOUR = "#8fb7d8"
 PLAIN_ESTIMATE_COLOUR = "#2c9a8f"
 OBSTACLE_COLOUR = "#8a6d4b"
@@ -25,6 +26,8 @@ TABLE_COLOUR, GRID_COLOUR = "#d2cfc9", "#a9a59d"
 _CONTACT_RADIUS = 0.018
 _NORMAL_LENGTH = 0.15
 _FREE_POINT_RADIUS = 0.007
+# Size of a doubted contact in those of others, which it covers.
+_BAD_SIZE = 1.4
 
 _MOST_FREE_POINTS = 5000
 
@@ -103,6 +106,19 @@ def draw_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
         colour = drawing.material(FREE_COLOUR, opacity=0.7)
         canvas.commands.append(drawing.draw_copies(f"{OBJECT_NODE}/free", speck, colour, at))
         canvas.layers.append(Layer("free", "Free space", False, FREE_COLOUR, "passed by the hand"))
+
+
+def draw_bad_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
+    """Draw contacts that others contradict as larger balls with their measured normals."""
+    if not len(contacts):
+        return
+    at = _poses_along(contacts.points, contacts.normals)
+    for _, part, mesh in _marker(_BAD_SIZE * size):
+        surface = drawing.material(BAD_COLOUR, roughness=0.4)
+        canvas.commands.append(drawing.draw_copies(f"{OBJECT_NODE}/bad/{part}", mesh, surface, at))
+    title = f"{len(contacts)} doubted contact{'s' if len(contacts) > 1 else ''}"
+    note = "turned or left out: others contradict them"
+    canvas.layers.append(Layer("bad", title, True, BAD_COLOUR, note))
 
 
 def draw_table(

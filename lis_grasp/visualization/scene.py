@@ -20,6 +20,7 @@ from lis_grasp.visualization._arm_layer import arm_points, draw_pedestal, standi
 from lis_grasp.visualization._drawing import Canvas
 from lis_grasp.visualization._exploration_layers import draw_pose_track, draw_search
 from lis_grasp.visualization._object_layers import (
+    draw_bad_contacts,
     draw_contacts,
     draw_estimates,
     draw_obstacles,
@@ -76,6 +77,8 @@ class Scene:
         is none, or none is finite.
     contacts
         Contacts in O, in the order of the touches.
+    bad_contacts
+        Rows of those that others contradict, to draw them in a colour of their own.
     growth
         Earlier estimates, each with its number of contacts; the numbers increase, and are less than
         that of all contacts, unless `estimate` is still missing. A contact is shown together with
@@ -119,6 +122,7 @@ class Scene:
     truth: trimesh.Trimesh | None = None
     estimate: trimesh.Trimesh | None = None
     contacts: Contacts = field(default_factory=Contacts.empty)
+    bad_contacts: Sequence[int] = ()
     growth: Sequence[tuple[int, trimesh.Trimesh]] = ()
     touches: Sequence[ProbeOutcome | None] = ()
     grasps: Sequence[Grasp] = ()
@@ -189,6 +193,8 @@ class Scene:
         if self.obstacles is not None:
             draw_obstacles(canvas, self.obstacles)
         draw_contacts(canvas, self.contacts, marker_size(object_points, _LEAST_SIZE))
+        bad = self.contacts.subset(list(self.bad_contacts))
+        draw_bad_contacts(canvas, bad, marker_size(object_points, _LEAST_SIZE))
         if self.region is not None:
             draw_search(canvas, self.region, self.search)
         draw_pose_track(canvas, self.moved, object_points.mean(axis=0))

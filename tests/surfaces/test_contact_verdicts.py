@@ -1,0 +1,174 @@
+"""Verdicts on contacts that lie: the cases of real files, laws, and sound contacts left alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import EstimationError, TooManyBadContactsError
+from lis_grasp.meshing import extract_mesh
+from lis_grasp.surfaces import (
+    BlendedImplicitSurface,
+    GaussianProcessImplicitSurface,
+    judge_contacts,
+    orient_normals,
+)
+from lis_grasp_studies.contact_study.contact_sets import ContactCase, contact_set
+
+BOX = trimesh.creation.box(extents=[0.06, 0.05, 0.04])
+CYLINDER = trimesh.creation.cylinder(radius=0.025, height=0.08, sections=64)
+
+
+def touched(mesh: trimesh.Trimesh, count: int) -> Contacts:
+    """Contacts spread evenly over a mesh."""
+    points, faces = trimesh.sample.sample_surface_even(mesh, count, seed=1)
+    return Contacts(points, mesh.face_normals[faces])
+
+
+def flipped(contacts: Contacts, fraction: float) -> tuple[Contacts, np.ndarray]:
+    """Contacts of which a random fraction of normals has the wrong side, and which these are."""
+    rng = np.random.default_rng(0)
+    wrong = rng.random(len(contacts)) < fraction
+    signs = np.where(wrong, -1.0, 1.0)[:, None]
+    return replace(contacts, normals=signs * contacts.normals), wrong
+
+
+def with_row(contacts: Contacts, row: int, point: list[float], normal: list[float]) -> Contacts:
+    """Contacts with one more at a row."""
+    points = np.insert(contacts.points, row, point, axis=0)
+    return Contacts(points, np.insert(contacts.normals, row, normal, axis=0))
+
+
+def extents(contacts: Contacts) -> np.ndarray:
+    """Extents of the blended estimate [mm], which must be one body."""
+    mesh = extract_mesh(BlendedImplicitSurface.from_contacts(contacts))
+    assert mesh.body_count == 1
+    return 1e3 * mesh.extents
+
+
+@pytest.mark.parametrize("rows", [[7], [0, 1, 2]])
+def test_a_box_with_flipped_normals_has_its_true_size(rows: list[int]) -> None:
+    contacts = touched(BOX, 60)
+    normals = contacts.normals.copy()
+    normals[rows] *= -1.0
+    wrong = replace(contacts, normals=normals)
+    assert judge_contacts(wrong).rows("flipped").tolist() == rows
+    np.testing.assert_allclose(extents(wrong), [60.0, 50.0, 40.0], atol=0.1)
+    assert np.abs(extents(replace(wrong, judged=True)) - [60.0, 50.0, 40.0]).max() > 1.0
+
+
+@pytest.mark.parametrize(
+    ("mesh", "count", "fraction", "size"),
+    [
+        (BOX, 60, 0.05, [60.0, 50.0, 40.0]),
+        (BOX, 60, 0.2, [60.0, 50.0, 40.0]),
+        (BOX, 400, 0.05, [60.0, 50.0, 40.0]),
+        (CYLINDER, 60, 0.2, [50.0, 50.0, 80.0]),
+    ],
+)
+def test_normals_of_which_some_are_flipped_are_put_right(
+    mesh: trimesh.Trimesh, count: int, fraction: float, size: list[float]
+) -> None:
+    wrong, which = flipped(touched(mesh, count), fraction)
+    np.testing.assert_array_equal(judge_contacts(wrong).bad, which)
+    np.testing.assert_allclose(extents(wrong), size, atol=0.3)  # the cylinder has 64 sides
+
+
+@pytest.mark.parametrize("fraction", [0.35, 0.5])
+@pytest.mark.parametrize("mesh", [BOX, CYLINDER])
+def test_normals_of_which_many_are_flipped_are_refused_or_oriented(
+    mesh: trimesh.Trimesh, fraction: float
+) -> None:
+    contacts = touched(mesh, 60)
+    wrong, _ = flipped(contacts, fraction)
+    with pytest.raises(TooManyBadContactsError, match="unsigned"):
+        BlendedImplicitSurface.from_contacts(wrong)
+    np.testing.assert_array_equal(orient_normals(wrong).normals, contacts.normals)
+    far = orient_normals(wrong, viewpoint=contacts.points + contacts.normals)
+    np.testing.assert_array_equal(far.normals, contacts.normals)
+
+
+@pytest.mark.parametrize("offset", [[0.4, 0.1, 0.3], [0.0, 0.0, 0.0]])
+def test_an_empty_row_is_left_out(offset: list[float]) -> None:
+    contacts = touched(BOX, 40)
+    contacts = replace(contacts, points=contacts.points + offset)
+    logged = with_row(contacts, 0, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+    verdicts = judge_contacts(logged)
+    assert verdicts.rows("stray").tolist() == [0]
+    np.testing.assert_array_equal(verdicts.credible.points, contacts.points)
+    surface = GaussianProcessImplicitSurface.from_contacts(logged)
+    same = GaussianProcessImplicitSurface.from_contacts(contacts)
+    np.testing.assert_array_equal(surface.evaluate(contacts.points), same.evaluate(contacts.points))
+
+
+def test_a_camera_s_empty_points_are_left_out() -> None:
+    points, faces = trimesh.sample.sample_surface(BOX, 900, seed=1)
+    rng = np.random.default_rng(0)
+    points = points + rng.normal(0.0, 0.0005, points.shape) + [0.4, 0.1, 0.3]
+    empty = rng.random(len(points)) < 0.1
+    points[empty] = 0.0
+    verdicts = judge_contacts(Contacts(points, BOX.face_normals[faces]))
+    np.testing.assert_array_equal(verdicts.codes > 0, empty)  # repeated rows share a verdict
+
+
+def test_signs_that_one_flat_side_does_not_show_are_not_guessed() -> None:
+    rng = np.random.default_rng(2)
+    points = np.column_stack([rng.uniform(-0.03, 0.03, (40, 2)), np.zeros(40)])
+    normals = np.tile([0.0, 0.0, 1.0], (40, 1))
+    with pytest.raises(EstimationError, match="viewpoint"):
+        orient_normals(Contacts(points, normals))
+
+
+@pytest.mark.parametrize(
+    ("shape", "case"),
+    [
+        ("plate", ContactCase("even", 40)),
+        ("hollow_cylinder", ContactCase("even", 40)),
+        ("socket", ContactCase("random", 100)),
+        ("screw", ContactCase("clustered", 60)),
+        ("stairs", ContactCase("half", 30)),
+        ("hook", ContactCase("even", 60, level=2)),
+        ("vase", ContactCase("even", 10)),
+    ],
+)
+def test_sound_contacts_of_thin_and_deep_shapes_are_believed(shape: str, case: ContactCase) -> None:
+    contacts = contact_set(shape, case, seed=5).contacts
+    verdicts = judge_contacts(contacts)
+    assert not verdicts.bad.any()
+    assert verdicts.sentence() == ""
+
+
+def test_verdicts_follow_units_order_and_rigid_motions() -> None:
+    wrong, which = flipped(touched(BOX, 60), 0.1)
+    wrong = with_row(wrong, 13, [0.1, 0.02, 0.0], [0.6, 0.0, 0.8])
+    codes = judge_contacts(wrong).codes
+    assert np.count_nonzero(codes) == np.count_nonzero(which) + 1
+    order = np.random.default_rng(3).permutation(len(wrong))
+    np.testing.assert_array_equal(judge_contacts(wrong.subset(order)).codes, codes[order])
+    turn = Rotation.from_euler("xyz", [0.3, 1.1, -2.0]).as_matrix()
+    moved = Contacts(wrong.points @ turn.T + [0.2, -0.1, 0.4], wrong.normals @ turn.T)
+    np.testing.assert_array_equal(judge_contacts(moved).codes, codes)
+    larger = replace(wrong, points=25.4 * wrong.points)
+    np.testing.assert_array_equal(judge_contacts(larger).codes, codes)
+
+
+def test_free_space_shows_the_sides_of_two_sheets() -> None:
+    rng = np.random.default_rng(1)
+    points = np.column_stack([rng.uniform(-0.05, 0.05, (30, 2)), np.zeros(30)])
+    points[15:, 2] = 0.004  # closer together than the contacts of each
+    normals = np.tile([0.0, 0.0, -1.0], (30, 1))
+    normals[15:] *= -1.0
+    free = points + 0.006 * normals
+    contacts = Contacts(points, normals, free_points=free, free_radii=np.full(30, 0.006))
+    wrong = normals.copy()
+    wrong[4] *= -1.0
+    with_space = judge_contacts(replace(contacts, normals=wrong))
+    without = judge_contacts(Contacts(points, wrong))
+    assert with_space.rows("flipped").tolist() == [4]
+    assert with_space.log_odds[4] > without.log_odds[4] + 5.0
+    assert not judge_contacts(contacts).bad.any()
