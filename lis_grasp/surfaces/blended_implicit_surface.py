@@ -30,9 +30,8 @@ _CAUTION = 0.5
 # Width of the kernel that averages evidence, in spacings.
 _SIGMA = 1.2
 
-# Evidence at which the sharp estimate begins to have weight, and has all of it: not at 0, because
-# spurious surface between contacts does not show in the prediction of contacts.
-_NO_WEIGHT, _FULL_WEIGHT = 0.1, 0.4
+# Evidence at which the sharp estimate begins to have weight, and has all of it.
+_NO_WEIGHT, _FULL_WEIGHT = 0.0, 0.3
 
 # Distance between both estimates at which the sharp one begins to lose its weight, and has lost it,
 # in spacings: surface that is far from any smooth one is spurious.

@@ -39,6 +39,10 @@ _SETTINGS: Mapping[str, Any] = MappingProxyType(
 # Distance from `gpis` at which the estimate begins to become that, and is that, in spacings.
 _NEAR, _FAR = 0.25, 0.5
 
+# Standard deviation of the surface where the processes differ, as a fraction of the difference, and
+# where nothing is uncertain, in largest distances between two contacts.
+_DOUBT, _LEAST = 0.35, 0.0003
+
 
 @made_by("from_contacts")
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,9 +133,11 @@ class SmoothImplicitSurface:
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        That of the free process.
+        That of the free process, a part of its difference from the bound one, and a least one.
         """
-        return self.free.uncertainty(points)
+        differences = self.free.evaluate(points) - self.bound.evaluate(points)
+        variances = self.free.uncertainty(points) ** 2 + (_DOUBT * differences) ** 2
+        return np.asarray(np.sqrt(variances + (_LEAST * self.bound.scale) ** 2))
 
     def leave_groups_out(self, groups: IndexArray) -> tuple[FloatArray, FloatArray]:
         """Return leave-group-out predictions of the free process at contacts, f and gradient."""

@@ -41,7 +41,7 @@ def weights_by_definition(surface: BlendedImplicitSurface, points: np.ndarray) -
         kernel = np.exp(-0.5 * np.sum((surface.places - x) ** 2, axis=1) / (1.2 * spacing) ** 2)
         evidence = (kernel @ ratios + 3.0 * overall) / (kernel.sum() + 3.0)
         apart = abs(surface.sharp.evaluate(x) - surface.smooth.evaluate(x)) / spacing
-        weights.append(smoothstep(evidence, 0.1, 0.4) * (1.0 - smoothstep(apart, 0.5, 1.0)))
+        weights.append(smoothstep(evidence, 0.0, 0.3) * (1.0 - smoothstep(apart, 0.5, 1.0)))
     return np.array(weights)
 
 

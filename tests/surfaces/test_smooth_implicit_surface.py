@@ -102,3 +102,13 @@ def test_a_blend_takes_the_smooth_estimate_for_shapes_without_edges_only() -> No
         (sharp, GaussianProcessImplicitSurface),
     ):
         assert type(BlendedImplicitSurface.from_contacts(contacts).smooth) is kind
+
+
+def test_the_uncertainty_covers_the_difference_of_the_processes_and_is_never_zero() -> None:
+    contacts = ellipsoid_contacts((0.1, 0.04, 0.03), 60)
+    surface = SmoothImplicitSurface.from_contacts(contacts)
+    points = np.vstack([contacts.points, ellipsoid_contacts((0.1, 0.04, 0.03), 50, seed=1).points])
+    apart = surface.free.evaluate(points) - surface.bound.evaluate(points)
+    least = 0.0003 * max(np.linalg.norm(a - b) for a in contacts.points for b in contacts.points)
+    expected = np.sqrt(surface.free.uncertainty(points) ** 2 + (0.35 * apart) ** 2 + least**2)
+    np.testing.assert_allclose(surface.uncertainty(points), expected, rtol=1e-12)
