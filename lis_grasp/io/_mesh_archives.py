@@ -132,6 +132,9 @@ def plain_dae(content: bytes) -> tuple[bytes, float | None, str | None]:
     space = str(root.tag).rpartition("}")[0] + "}" if "}" in str(root.tag) else ""
     if root.find(f"{space}scene") is None:
         raise ValueError("it has no scene")
+    for kind in ("tristrips", "trifans", "instance_controller"):
+        if next(root.iter(space + kind), None) is not None:
+            raise ValueError(f"it has {kind}, which are not read: export plain triangles")
     unit, up = root.find(f"{space}asset/{space}unit"), root.find(f"{space}asset/{space}up_axis")
     metres = None if unit is None else float(unit.get("meter", "1"))
     axis = (up.text or "").strip()[:1].lower() if up is not None else None

@@ -14,8 +14,13 @@ from lis_grasp.typing import FloatArray, IntArray
 
 Triangles = tuple[FloatArray, IntArray]
 
-# Of OBJ: a face of more than three corners, a relative index, a line that goes on in the next.
-_OBJ_ODD = re.compile(rb"^[ \t]*f(?:[ \t]+\S+){4}|^[ \t]*f[^\n]*-\d|\\[ \t]*\r?$", re.MULTILINE)
+# Of OBJ: a line of a face but of three corners, all v, v/vt, v//vn or v/vt/vn, from the start of
+# the file; a line that goes on in the next; another separator than blanks.
+_OBJ_PLAIN = rb"f(?:(?: +\d+){3}|(?: +\d+/\d*){3}|(?: +\d+//\d*){3}|(?: +\d+/\d+/\d*){3})"
+_OBJ_ODD = re.compile(
+    rb"^(?=[ \t]*f[ \t])(?!" + _OBJ_PLAIN + rb" *\r?$)|\\[ \t]*\r?$|^[ \t]*v[nt]?\t", re.MULTILINE
+)
+_OBJ_FACE = re.compile(rb"^f ", re.MULTILINE)
 _INTEGER = re.compile(r"[-+]?\d{1,18}")
 _OFF_START = re.compile(r"(?:ST)?C?N?OFF\b", re.IGNORECASE)
 _STL_NAME = re.compile(rb"^[ \t]*(?:end)?solid\b[^\r\n]*", re.IGNORECASE | re.MULTILINE)
@@ -26,14 +31,20 @@ _STL_ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribu
 _STL_START = 84  # bytes before the first triangle, the last four of them the count
 
 
-def plain_obj(content: bytes) -> bytes:
-    """Return an OBJ with triangles and positive indices only, as trimesh reads it without fault.
+def plain_obj(content: bytes) -> tuple[bytes, int]:
+    """Return an OBJ as trimesh reads it without fault, and its number of faces.
 
-    A relative index counts from the vertex before its line, wherever the groups are. Raises
+    These are triangles, each with corners of one form and indices from the start of the file. A
+    relative index counts from the vertex before its line, wherever the groups are. Raises
     ValueError if an index is out of range, or a face crosses itself.
     """
-    if not _OBJ_ODD.search(content):
-        return content
+    content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if _OBJ_ODD.search(content):
+        content = _rewritten_obj(content)
+    return content, len(_OBJ_FACE.findall(content))
+
+
+def _rewritten_obj(content: bytes) -> bytes:
     text = re.sub(r"\\[ \t]*\r?\n", " ", content.decode("utf-8", "replace"))
     lines = text.splitlines()
     counts = {"v": 0, "vt": 0, "vn": 0}
@@ -43,10 +54,13 @@ def plain_obj(content: bytes) -> bytes:
         kind, *words = line.split("#")[0].split() or [""]
         if kind in counts:
             counts[kind] += 1
+            lines[number] = " ".join([kind, *words])
         if kind == "v":
             vertices.append([float(word) for word in words[:3]])
         elif kind == "f":
-            faces[number] = [_absolute(corner, counts) for corner in words]
+            corners = [_absolute(corner, counts) for corner in words]
+            of_one_form = len({tuple(map(bool, corner)) for corner in corners}) == 1
+            faces[number] = ["/".join(c) if of_one_form else c[0] for c in corners]
     polygons = [[int(corner.split("/")[0]) - 1 for corner in face] for face in faces.values()]
     cut = triangulate(np.array(vertices, np.float64).reshape(-1, 3), polygons)
     for (number, face), triangles in zip(faces.items(), cut, strict=True):
@@ -54,8 +68,8 @@ def plain_obj(content: bytes) -> bytes:
     return "\n".join(lines).encode()
 
 
-def _absolute(corner: str, counts: dict[str, int]) -> str:
-    """Return a corner v/vt/vn with indices from the start of the file."""
+def _absolute(corner: str, counts: dict[str, int]) -> list[str]:
+    """Return the indices of a corner v/vt/vn from the start of the file; empty where missing."""
     indices = []
     for name, text in zip(counts, corner.split("/"), strict=False):
         if text and not _INTEGER.fullmatch(text):
@@ -66,7 +80,7 @@ def _absolute(corner: str, counts: dict[str, int]) -> str:
             if index <= 0:
                 raise ValueError(f"the face corner {corner} counts back beyond the first {name}")
         indices.append(str(index) if text else "")
-    return "/".join(indices)
+    return indices
 
 
 def off_rows(path: Path) -> tuple[list[list[str]], list[list[str]]]:

@@ -128,18 +128,25 @@ def _read(path: Path, ending: str, merge: bool, materials: bool) -> MeshFile:
         case ".ply":
             return MeshFile(_read_ply(path, merge, materials))
         case ".obj":
+            content, announced = plain_obj(path.read_bytes())
             try:
-                return MeshFile(_load(path, plain_obj(path.read_bytes()), merge, materials))
+                mesh = _load(path, content, merge, materials)
             except IndexError:
                 raise ValueError("a face names a vertex, or a normal, that it lacks") from None
+            return MeshFile(_complete(mesh, announced))
         case ".dae":
             content, unit, up = plain_dae(path.read_bytes())
             return MeshFile(_load(path, content, merge, materials), unit, up)
     announced = require_readable_gltf(path)
     mesh = _load(path, path.read_bytes(), merge, materials)
-    if not merge and len(mesh.faces) != announced:
+    return MeshFile(_complete(mesh, announced), 1.0, "y")
+
+
+def _complete(mesh: trimesh.Trimesh, announced: int) -> trimesh.Trimesh:
+    """Return a mesh; raise ValueError if it has not all triangles that its file announces."""
+    if len(mesh.faces) != announced:
         raise ValueError(f"it announces {announced} triangles; {len(mesh.faces)} could be read")
-    return MeshFile(mesh, 1.0, "y")
+    return mesh
 
 
 def _read_ply(path: Path, merge: bool, materials: bool) -> trimesh.Trimesh:

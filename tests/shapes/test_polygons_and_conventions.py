@@ -153,6 +153,29 @@ def test_relative_indices_count_from_their_line(normals: bool, tmp_path: Path) -
         assert mesh.volume == pytest.approx(2 * 0.06 * 0.05 * 0.04)
 
 
+@pytest.mark.parametrize(
+    "forms",
+    [
+        ["f {} {} {}", "f {}/1 {}/1 {}/2"],
+        ["f {}//1 {}//1 {}//1", "f {}/1/1 {}/2/1 {}/1/1"],
+        ["f {}/1/1 {}//1 {}"],
+        ["f\t{}  {} {}  "],
+        ["  f {} {} {} # a face"],
+        ["f {}/ {}/ {}/", "f {}// {}// {}//"],
+    ],
+)
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_faces_of_an_obj_are_read_in_every_form(forms: list, end: str, tmp_path: Path) -> None:
+    box = trimesh.creation.box((0.04, 0.05, 0.06))
+    lines = [f"v\t{x:g} {y:g}\t{z:g}" for x, y, z in box.vertices]
+    lines += ["vt 0 0", "vt 1 0", "vn 0 0 1"]
+    lines += [forms[n % len(forms)].format(*(face + 1)) for n, face in enumerate(box.faces)]
+    (tmp_path / "a.obj").write_bytes(end.join(lines).encode())
+    for mesh in (shapes.load(tmp_path / "a.obj").mesh, load_mesh(tmp_path / "a.obj", None)):
+        np.testing.assert_allclose(mesh.extents, (0.04, 0.05, 0.06))
+        assert mesh.volume == pytest.approx(0.04 * 0.05 * 0.06)
+
+
 @pytest.mark.parametrize("count", [0, 10, 20])
 def test_a_binary_stl_must_have_as_many_triangles_as_it_announces(
     count: int, tmp_path: Path
@@ -283,6 +306,15 @@ def test_unit_and_axis_of_collada_are_used(axis: str, extents: tuple, tmp_path: 
     assert len(shape.repairs) == 2
     # Of a hand the unit is used, and the axis ignored, as RViz does.
     np.testing.assert_allclose(load_mesh(path, None).extents, (0.04, 0.05, 0.12))
+
+
+@pytest.mark.parametrize("kind", ["tristrips", "trifans"])
+def test_parts_of_collada_that_are_not_read_are_named(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.dae"
+    _dae(path, _block().vertices, _block().faces.tolist())
+    path.write_text(path.read_text().replace("</mesh>", f"<{kind} count='0'/></mesh>"))
+    with pytest.raises(InvalidFileError, match=f"it has {kind}, which are not read"):
+        shapes.load(path)
 
 
 def test_a_file_in_a_stated_unit_of_another_size_is_refused_without_advice_on_units(
