@@ -139,13 +139,14 @@ def test_this_machine_is_fit(capsys: pytest.CaptureFixture[str]) -> None:
 def test_the_urdf_of_a_hand_may_be_in_a_package(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    elsewhere = tmp_path / "models" / "my_hands" / "urdf"
+    models = tmp_path / "far" / "models"  # not beside the file, where it would be found
+    elsewhere = models / "my_hands" / "urdf"
     elsewhere.mkdir(parents=True)
     (folder / "allegro.urdf").rename(elsewhere / "allegro.urdf")
     change_yaml(lambda d: d.update(urdf="package://my_hands/urdf/allegro.urdf"))(folder)
     path = folder / "allegro.yaml"
     assert main(["doctor", "--hand", str(path)]) == 2  # not found
-    for root in (tmp_path / "models", tmp_path / "models" / "my_hands"):
+    for root in (models, models / "my_hands"):
         monkeypatch.setenv("ROS_PACKAGE_PATH", str(root))
         assert Hand.load(path).joint_names == Hand.load("allegro").joint_names
 
