@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import trimesh
+from scipy.spatial import cKDTree
 from trimesh.graph import connected_component_labels
 
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
@@ -34,6 +35,7 @@ def extract_mesh(
     *,
     bounds: npt.ArrayLike | None = None,
     resolution: float | None = None,
+    touched: npt.ArrayLike | None = None,
 ) -> trimesh.Trimesh:
     """Mesh the zero set of an implicit surface: closed, manifold, outward, sharp edges kept.
 
@@ -56,13 +58,16 @@ def extract_mesh(
         surface's own.
     resolution
         Side of a cell [m]; None takes 1/64 of the largest extent of the bounds.
+    touched
+        Positions of the contacts, shape (N, 3) [m]: closed parts that none of them is nearest to
+        are dropped, however small their uncertainty. None judges by uncertainty alone.
 
     Returns
     -------
     trimesh.Trimesh
         In O [m]. `vertex_attributes["uncertainty"]`, shape (V,) [m], is the surface's uncertainty
         at each vertex; `metadata` counts the "evaluations" and "gradients" of the surface, and
-        "grid_nodes", the evaluations of a full grid.
+        "grid_nodes", the evaluations of a full grid, and the closed parts that were "dropped".
 
     Raises
     ------
@@ -85,7 +90,15 @@ def extract_mesh(
     _require_surface(field, grid, values)
     vertices, faces = contour(values < 0.0, find_crossings(field, grid, values), grid)
     uncertainty = field.uncertainty(vertices)
-    faces = faces[_supported_faces(vertices, faces, uncertainty, grid.cell)]
+    part = connected_component_labels(np.concatenate([faces[:, :2], faces[:, 1:]]), len(vertices))
+    kept = _supported_parts(vertices, part, uncertainty, grid.cell)
+    if touched is not None and len(kept) > 1:
+        nearest = cKDTree(vertices).query(np.asarray(touched, dtype=np.float64).reshape(-1, 3))[1]
+        own = kept & np.isin(np.arange(len(kept)), part[nearest])
+        kept = own if own.any() else kept
+    if not kept.all():
+        kept = _with_their_solids(kept, vertices, faces, part)
+    faces = faces[kept[part[faces[:, 0]]]]
     if np.linalg.det(vertices[faces] - vertices[faces].mean(axis=(0, 1))).sum() <= 0.0:
         raise EstimationError(
             f"the inside is smaller than the cells of {grid.cell:g} m: mesh with smaller cells,"
@@ -104,6 +117,7 @@ def extract_mesh(
             "evaluations": field.evaluations,
             "gradients": field.gradients,
             "grid_nodes": values.size,
+            "dropped": int(len(kept) - kept.sum()),
         },
     )
 
@@ -151,30 +165,22 @@ def _require_surface(field: Field, grid: Grid, values: FloatArray) -> None:
         )
 
 
-def _supported_faces(
-    vertices: FloatArray, faces: IndexArray, uncertainty: FloatArray, cell: float
+def _supported_parts(
+    vertices: FloatArray, part: IndexArray, uncertainty: FloatArray, cell: float
 ) -> BoolArray:
-    """Return which triangles (F, 3) of a closed, outward mesh belong to supported parts, (F,).
+    """Return which parts of a closed, outward mesh are supported, (P,).
 
-    A phantom part, far from all contacts, is dropped: its least uncertainty exceeds a quarter of a
-    cell [m], and the median of the main body's. The solid round a kept cavity is kept.
-    `uncertainty` is of vertices, (V,) [m].
+    A phantom part, far from all contacts, is not: its least uncertainty exceeds a quarter of a cell
+    [m], and the median of the main body's. `part` and `uncertainty` are of vertices, (V,).
     """
-    edges = np.concatenate([faces[:, :2], faces[:, 1:]])
-    part = connected_component_labels(edges, len(vertices)).astype(np.intp)
     count = int(part.max()) + 1
-    if count == 1:
-        return np.ones(len(faces), dtype=bool)
     # method="lower": an uncertainty may be infinite.
     best_supported = uncertainty <= np.quantile(uncertainty, _BEST, method="lower")
     main = int(np.argmax(np.bincount(part[best_supported], minlength=count)))
     lowest = np.full(count, np.inf)
     np.minimum.at(lowest, part, uncertainty)
     typical = np.quantile(uncertainty[part == main], 0.5, method="lower")
-    supported = lowest <= max(typical, _KNOWN * cell)
-    if not supported.all():
-        supported = _with_their_solids(supported, vertices, faces, part)
-    return np.asarray(supported[part[faces[:, 0]]])
+    return np.asarray(lowest <= max(typical, _KNOWN * cell))
 
 
 def _with_their_solids(

@@ -103,7 +103,7 @@ def estimate(known: Perception, contacts: Contacts) -> tuple[ImplicitSurface, tr
         margin=known.sensor.free_margin,
         table=known.table,
     )
-    return surface, extract_mesh(surface)
+    return surface, extract_mesh(surface, touched=contacts.points)
 
 
 def plan(known: Known, mesh: trimesh.Trimesh, *, candidates: int = CANDIDATES) -> GraspSearch:

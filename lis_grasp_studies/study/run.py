@@ -92,7 +92,7 @@ def estimate(trial: Trial, estimator: str, contacts: Contacts) -> trimesh.Trimes
     if config.free:
         surface = carved(surface, contacts, margin=config.sensor().free_margin)
         surface = above_table(surface, Perception.from_config(config, None).table)
-    return extract_mesh(surface)
+    return extract_mesh(surface, touched=contacts.points)
 
 
 def plan(trial: Trial, mesh: trimesh.Trimesh, shape: Shape, hand: Hand) -> GraspSearch:

@@ -34,6 +34,17 @@ def test_a_small_part_that_was_touched_stays() -> None:
     assert extract_mesh(Analytic(two, BOUNDS)).body_count == 2  # both are equally uncertain
 
 
+def test_a_crumb_that_no_contact_is_nearest_to_is_dropped_however_certain() -> None:
+    two = union(sphere(0.05), sphere(0.012, [0.0, 0.0, 0.08]))
+    contacts = 0.05 * np.vstack([np.eye(3), -np.eye(3)])
+    assert extract_mesh(Analytic(two, BOUNDS)).body_count == 2
+    mesh = extract_mesh(Analytic(two, BOUNDS), touched=contacts)
+    require_closed(mesh)
+    assert (mesh.body_count, mesh.metadata["dropped"]) == (1, 1)
+    kept = extract_mesh(Analytic(two, BOUNDS), touched=[*contacts, [0.0, 0.0, 0.092]])
+    assert (kept.body_count, kept.metadata["dropped"]) == (2, 0)
+
+
 def test_a_phantom_shell_round_the_object_is_dropped() -> None:
     shell = difference(sphere(0.14), sphere(0.12))
     touched = far_from(*0.05 * np.vstack([np.eye(3), -np.eye(3)]))
