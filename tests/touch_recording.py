@@ -79,7 +79,14 @@ def write_csv(recording: Recording, path: Path) -> Path:
     return path
 
 
-def write_bag(recording: Recording, path: Path, kind: str, *, with_tf: bool = False) -> Path:
+def write_bag(
+    recording: Recording,
+    path: Path,
+    kind: str,
+    *,
+    with_tf: bool = False,
+    joints: dict[str, FloatArray] | None = None,
+) -> Path:
     """Write the recording as ros1 (.bag), sqlite3 or mcap (a folder); see `rosbags`."""
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore
@@ -93,7 +100,9 @@ def write_bag(recording: Recording, path: Path, kind: str, *, with_tf: bool = Fa
         writer = rosbag2.Writer(path, version=8, storage_plugin=plugin)
     with writer:
         connections: dict[str, Any] = {}
-        for topic, stamp, message in sorted(_messages(recording, store, ros1, with_tf), key=_when):
+        for topic, stamp, message in sorted(
+            _messages(recording, store, ros1, with_tf, joints), key=_when
+        ):
             if topic not in connections:
                 connections[topic] = writer.add_connection(
                     topic, message.__msgtype__, typestore=store
@@ -108,7 +117,11 @@ def _when(item: tuple[str, int, Any]) -> int:
 
 
 def _messages(
-    recording: Recording, store: Any, ros1: bool, with_tf: bool
+    recording: Recording,
+    store: Any,
+    ros1: bool,
+    with_tf: bool,
+    joints: dict[str, FloatArray] | None,
 ) -> Iterator[tuple[str, int, Any]]:
     types = store.types
 
@@ -149,6 +162,11 @@ def _messages(
                 yield "/tf", now, make("tf2_msgs/msg/TFMessage", [each])
             elif frame == "object":
                 yield "/object", now, each
+            elif joints is not None:
+                positions = np.array([values[i] for values in joints.values()])
+                none = np.zeros(0)
+                state = header(now, ""), list(joints), positions, none, none
+                yield "/joint_states", now, make("sensor_msgs/msg/JointState", *state)
             else:
                 pose = make("geometry_msgs/msg/Pose", vector("Point", point), turn)
                 yield (

@@ -19,6 +19,8 @@ from lis_grasp.logs.detection import FORCES_ON, NORMAL_SOURCES, TouchDetection
 from lis_grasp.logs.patches import PatchDetection, TactilePatches, contacts_from_patches
 from lis_grasp.logs.readers import open_log
 from lis_grasp.pipeline.results_folder import result_file
+from lis_grasp.robots.joint_frames import with_link_frames
+from lis_grasp.robots.model_uri import resolve_uri
 from lis_grasp.typing import FloatArray
 
 _DEFAULTS, _PATCHES = TouchDetection(), PatchDetection()
@@ -42,6 +44,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("finger", "name of the finger"),
     ):
         choices.add_argument(f"--{name}", action="append", metavar="NAME", help=text)
+    choices.add_argument(
+        "--urdf",
+        metavar="FILE",
+        help="URDF, SDF or MJCF of the robot: its links are frames, by the log's joint states",
+    )
     choices.add_argument(
         "--object-pose",
         metavar="NAME",
@@ -152,7 +159,9 @@ def execute(options: argparse.Namespace) -> None:
         )
     ]
     with Stage(f"Reading {options.log}") as stage:
-        log = open_log(options.log)
+        log = open_log(options.log, posed=options.urdf is None)
+        if options.urdf is not None:
+            log = with_link_frames(log, resolve_uri(options.urdf, Path(), "--urdf"))
         stage.result = f"{len(log.topics)} topics"
     if options.list:
         for topic in log.topics:

@@ -28,21 +28,22 @@ _COLUMNS = {"time", *chain.from_iterable((*_FORCES, *chain.from_iterable(_POSES.
 # Columns of a bag as PlotJuggler and others write them: /ft/wrench/force/x, pose.position.x.
 _OF_BAG = re.compile(r"(?:.*[./])?(force|position|orientation)[./_]([xyzw])")
 _OF_BAG_NAMES = {"force": "f", "position": "", "orientation": "q"}
+_OTHERS = {"velocity", "effort"}  # of joints
 _LEAST_STEP = 1e-4  # [s], of a log in the right unit
 
 
 class CsvLog:
     """Forces and poses of a CSV table: the topics `force`, `tip` and, if it is there, `object`."""
 
-    def __init__(self, path: Path) -> None:
-        """Read a table; `InvalidFileError` if it is missing, damaged or lacks columns.
+    def __init__(self, path: Path, *, posed: bool = True) -> None:
+        """Read a table, with the tip if `posed`; `InvalidFileError` if it lacks columns, or more.
 
         Columns are those of bags too, as ``wrench.force.x``, and may state units, as ``time_ms``.
         """
-        self._columns = _known_columns(path)
+        self._path, self._columns = path, _known_columns(path)
         present = set(self._columns)
         self._force = next((names for names in _FORCES if present >= set(names)), ())
-        if "time" not in present or not self._force or not present >= set("xyz"):
+        if "time" not in present or not self._force or (posed and not present >= set("xyz")):
             raise InvalidFileError(
                 f"a log as CSV needs the columns time, fx,fy,fz or force, and x,y,z of the tip;"
                 f" {path} has {', '.join(read_table(path)[0])}",
@@ -50,10 +51,10 @@ class CsvLog:
             )
         _require_seconds(path, self._columns["time"])
         count = len(self._columns["time"])
-        posed = [name for name, (point, _) in _POSES.items() if present >= set(point)]
+        known = [name for name, (point, _) in _POSES.items() if present >= set(point)]
         self.topics = (
             Topic("force", ",".join(self._force), count, "force"),
-            *(Topic(name, ",".join(_POSES[name][0]), count, "pose") for name in posed),
+            *(Topic(name, ",".join(_POSES[name][0]), count, "pose") for name in known),
         )
 
     def forces(self, topic: str) -> TimedForces:
@@ -75,6 +76,19 @@ class CsvLog:
     def frames(self) -> FrameTree:
         """Return no transforms: a table has none."""
         return FrameTree({})
+
+    def joints(self, names: tuple[str, ...]) -> dict[str, tuple[FloatArray, FloatArray]]:
+        """Return times and positions of joints whose columns have their names, as of bags too.
+
+        Such as ``elbow``, ``/joint_states/elbow/position`` or ``position.elbow``.
+        """
+        titles, rows = read_table(self._path)
+        found = {}
+        for k, title in enumerate(titles):
+            parts = re.split(r"[./]", title)
+            for name in set(parts) & set(names) if not _OTHERS & set(parts) else ():
+                found[name] = (self._columns["time"], numbers(self._path, rows, k, title))
+        return found
 
     def _table(self, names: tuple[str, ...]) -> FloatArray:
         return np.column_stack([self._columns[name] for name in names])

@@ -39,6 +39,7 @@ _CONTENT: dict[str, Content] = {
     "geometry_msgs/Transform": "pose",
     "geometry_msgs/TransformStamped": "pose",
     "nav_msgs/Odometry": "pose",
+    "sensor_msgs/JointState": "joints",
     "tf/tfMessage": "transforms",
     "tf2_msgs/TFMessage": "transforms",
 }
@@ -47,7 +48,10 @@ _CONTENT: dict[str, Content] = {
 class RobotLog(Protocol):
     """Forces and poses of a log, by topic."""
 
-    topics: tuple[Topic, ...]
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """The topics."""
+        ...
 
     def forces(self, topic: str) -> TimedForces:
         """Return the forces of a topic."""
@@ -57,6 +61,9 @@ class RobotLog(Protocol):
 
     def frames(self) -> FrameTree:
         """Return the transforms between frames of all transform topics."""
+
+    def joints(self, names: tuple[str, ...]) -> dict[str, tuple[FloatArray, FloatArray]]:
+        """Return times (T,) [s] and positions (T,) [rad or m] of those joints that are logged."""
 
 
 class BagLog:
@@ -132,6 +139,17 @@ class BagLog:
             }
         )
 
+    def joints(self, names: tuple[str, ...]) -> dict[str, tuple[FloatArray, FloatArray]]:
+        """Return times (T,) [s] and positions (T,) [rad or m] of those joints that are logged."""
+        samples: dict[str, list[tuple[float, float]]] = defaultdict(list)
+        for topic in (topic.name for topic in self.topics if topic.content == "joints"):
+            for time, message in self._messages(topic, "joints"):
+                for name, position in zip(message.name, message.position, strict=False):
+                    if name in names:
+                        samples[name].append((time, float(position)))
+        tables = {name: np.array(rows) for name, rows in samples.items()}
+        return {name: (table[:, 0], table[:, 1]) for name, table in tables.items()}
+
     def _messages(self, topic: str, content: Content) -> Iterator[tuple[float, Any]]:
         """Yield the time [s] and message of each message of a topic."""
         with self._reader() as reader:
@@ -192,8 +210,10 @@ def _xyz(vector: Any) -> list[float]:
     return [vector.x, vector.y, vector.z]
 
 
-def open_log(path: Path) -> RobotLog:
+def open_log(path: Path, *, posed: bool = True) -> RobotLog:
     """Open a robot's log: .bag (ROS 1), .mcap, .db3 or a folder (ROS 2), or .csv.
+
+    A table may lack the tip's columns if it need not be `posed`.
 
     Raises
     ------
@@ -206,7 +226,7 @@ def open_log(path: Path) -> RobotLog:
         raise InvalidFileError(f"cannot read {path}: no such file or folder", path=path)
     ending = path.suffix.lower()
     if ending == ".csv":
-        return CsvLog(path)
+        return CsvLog(path, posed=posed)
     if path.is_dir() or ending in (".bag", ".mcap", ".db3"):
         return BagLog(path)
     raise InvalidFileError(

@@ -20,6 +20,7 @@ from lis_grasp.logs.detection import (
     detect_touches,
 )
 from lis_grasp.logs.readers import open_log
+from lis_grasp.robots.joint_frames import with_link_frames
 
 TOUCH = TouchDetection(threshold=1.0, tip_radius=RADIUS, normals="force")
 # Penetration at the threshold, and the advance of the tip in one sample along its oblique path.
@@ -393,3 +394,79 @@ def test_real_pushes_find_the_faces_of_the_block() -> None:
         for face, offset in zip(faces, offsets, strict=True):
             assert len(face) > 8
             assert np.median(np.abs(face - offset)) < 0.002
+
+
+ROBOT = {  # a Cartesian robot whose last link is the tip
+    "along_x": ("prismatic", "1 0 0"),
+    "along_y": ("prismatic", "0 1 0"),
+    "along_z": ("prismatic", "0 0 1"),
+    "yaw": ("revolute", "0 0 1"),
+    "pitch": ("revolute", "0 1 0"),
+    "roll": ("continuous", "2 0 0"),
+}
+
+
+def robot_of(recording: Recording, folder: Path) -> tuple[Path, dict[str, np.ndarray]]:
+    """Write a URDF, and return it with positions of its joints: its tip moves as recorded."""
+    links, joints, parent = '<link name="world"/>', "", "world"
+    for name, (kind, axis) in ROBOT.items():
+        links += f'<link name="after_{name}"/>'
+        joints += (
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+            f'<child link="after_{name}"/><axis xyz="{axis}"/>'
+            '<limit lower="-9" upper="9" effort="1" velocity="1"/></joint>'
+        )
+        parent = f"after_{name}"
+    mimic = f'<mimic joint="yaw" multiplier="-2"/><parent link="{parent}"/><child link="idle"/>'
+    joints += f'<joint name="follower" type="continuous"><axis xyz="0 0 1"/>{mimic}</joint>'
+    joints += (
+        f'<joint name="mount" type="fixed"><parent link="{parent}"/><child link="tip"/>'
+        '<origin xyz="0 0 0" rpy="3.141592653589793 0 0"/></joint>'
+    )
+    path = folder / "robot.urdf"
+    path.write_text(f'<robot name="r">{links}<link name="idle"/><link name="tip"/>{joints}</robot>')
+    t = recording.times - recording.times[0]
+    turns = {"yaw": 0.5 + 0.05 * t, "pitch": 0.2 * t, "roll": 0.0 * t}
+    return path, dict(zip(ROBOT, recording.X_WT.T[:3], strict=False)) | turns
+
+
+@pytest.mark.parametrize("kind", ["csv", "mcap"])
+def test_joint_states_and_a_urdf_give_the_pose_of_the_tip(
+    kind: str, recording: Recording, tmp_path: Path
+) -> None:
+    urdf, joints = robot_of(recording, tmp_path)
+    if kind == "csv":
+        write_csv(recording, tmp_path / "log.csv")
+        lines = (tmp_path / "log.csv").read_text().splitlines()
+        titles, kept = lines[0].split(","), [0, 1, 2, 3, *range(11, 18)]
+        names = [f"/joint_states/{name}/position" for name in joints]
+        rows = np.array([line.split(",") for line in lines[1:]])[:, kept]
+        table = np.column_stack([rows, *([*map(repr, map(float, q))] for q in joints.values())])
+        header = ",".join([*(titles[k] for k in kept), *names])
+        (tmp_path / "log.csv").write_text("\n".join([header, *map(",".join, table)]) + "\n")
+        log, topics = open_log(tmp_path / "log.csv", posed=False), LogFrames(object_pose="object")
+    else:
+        pytest.importorskip("rosbags")
+        log = open_log(write_bag(recording, tmp_path / "log", kind, joints=joints))
+        topics = LogFrames(object_pose="/object")
+    log = with_link_frames(log, urdf)
+    contacts, _ = contacts_from_log(log, [Finger(tip="tip")], topics, TOUCH)
+    assert_true(contacts, recording)
+    turned = log.frames().pose("after_roll", "idle", recording.times[:1])[0]  # follows the yaw
+    assert np.arctan2(turned[1, 0], turned[0, 0]) == pytest.approx(-2.0 * joints["yaw"][0])
+    with pytest.raises(InvalidInputError, match="movable joints are along_x, .*; it has none"):
+        with_link_frames(open_log(write_csv(recording, tmp_path / "none.csv")), urdf)
+
+
+def test_links_beyond_a_joint_that_is_not_logged_have_no_pose(
+    recording: Recording, tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags")
+    urdf, joints = robot_of(recording, tmp_path)
+    del joints["roll"]
+    log = with_link_frames(
+        open_log(write_bag(recording, tmp_path / "l", "mcap", joints=joints)), urdf
+    )
+    assert "after_pitch" in log.frames().frames
+    with pytest.raises(InvalidInputError, match="no chain of transforms connects"):
+        contacts_from_log(log, [Finger(tip="tip")], LogFrames(tip_frame="world"), TOUCH)
