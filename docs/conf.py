@@ -24,7 +24,7 @@ shutil.copytree(
     ignore=shutil.ignore_patterns(".ipynb_checkpoints"),
 )
 
-WORDS = 48_500
+WORDS = 51_500
 logger = logging.getLogger(__name__)
 
 project = "lis_grasp"
