@@ -134,12 +134,6 @@ def gaussian_process(
     return np.array(means), np.array(variances)
 
 
-def kernel_mean(x: FloatArray, nodes: FloatArray, sigma: float, values: list[float]) -> float:
-    nearest = min(math.dist(x, node) for node in nodes)
-    kernels = [math.exp(-0.5 * (math.dist(x, node) ** 2 - nearest**2) / sigma**2) for node in nodes]
-    return sum(k * v for k, v in zip(kernels, values, strict=True)) / sum(kernels)
-
-
 def winding_number(point: FloatArray, triangles: FloatArray) -> float:
     """Sum of the triangles' solid angles (Van Oosterom and Strackee 1983) over 4 pi."""
     total = 0.0

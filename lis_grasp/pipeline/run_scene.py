@@ -115,8 +115,8 @@ def _search(outcomes: tuple[ProbeOutcome, ...] | None, facts: Mapping[str, Any])
 
 def _search_of(outcomes: Sequence[ProbeOutcome]) -> tuple[ProbeOutcome, ...]:
     """Return the outcomes up to the first with a contact; all of them if there is none."""
-    found = [len(outcome.contacts) > 0 for outcome in outcomes]
-    return tuple(outcomes[: found.index(True) + 1 if any(found) else len(found)])
+    touched = (k for k, outcome in enumerate(outcomes) if len(outcome.contacts))
+    return tuple(outcomes[: next(touched, len(outcomes)) + 1])
 
 
 def _touches(
