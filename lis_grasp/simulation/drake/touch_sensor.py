@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from warnings import warn
 
 import numpy as np
@@ -16,15 +16,14 @@ from pydrake.systems.framework import Context, EventStatus, InputPort, LeafSyste
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration.loop import new_contacts
 from lis_grasp.exploration.probe_motions import TRANSIT_SPEED
 from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.logs.detection import TouchDetection
 from lis_grasp.probing.course import FREE_POINT_SPACING
-from lis_grasp.records import Record
 from lis_grasp.robots.pose_filter import balls_inside
+from lis_grasp.simulation.drake._touch_record import TouchRecord
 from lis_grasp.simulation.drake.contact_patches import (
     LinkContact,
     Patch,
@@ -36,19 +35,6 @@ from lis_grasp.typing import FloatArray, IndexArray
 
 # Between looks at the hand's poses for free space [s].
 _SWEEP_PERIOD = FREE_POINT_SPACING / TRANSIT_SPEED
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Felt(Record):
-    """Everything that the sensor remembers; all in E."""
-
-    contacts: Contacts  # with the free space of finished motions
-    touching: tuple[tuple[str, FloatArray], ...] = ()  # links, and where each was recorded last
-    # Centres and radii of free balls (K, 4), since the last touch or the end of listening.
-    swept: tuple[FloatArray, ...] = ()
-    cells: frozenset[tuple[int, ...]] = frozenset()  # of free balls, so that none is repeated
-    looked: FloatArray | None = None  # centres (B, 3) of the hand's balls at the last look
-    was_reset: bool = False
 
 
 _NOTHING = Contacts.empty()
@@ -159,7 +145,7 @@ class TouchSensor(LeafSystem):
         self._poses: InputPort = declare("body_poses", AbstractValue.Make([RigidTransform()]))
         self._enable = self.DeclareVectorInputPort("enable", 1)
         self._reset = self.DeclareVectorInputPort("reset", 1)
-        state = self.DeclareAbstractState(AbstractValue.Make(_Felt(_NOTHING)))
+        state = self.DeclareAbstractState(AbstractValue.Make(TouchRecord()))
         needed = {self._results.ticket()} | ({self._poses.ticket()} if frame is not None else set())
         self.touch = self.DeclareAbstractOutputPort(
             "touch", lambda: AbstractValue.Make(_NOTHING), self._touch, needed
@@ -167,7 +153,7 @@ class TouchSensor(LeafSystem):
         self.contacts = self.DeclareAbstractOutputPort(
             "contacts",
             lambda: AbstractValue.Make(_NOTHING),
-            lambda context, output: output.set_value(_felt(context).contacts),
+            lambda context, output: output.set_value(_record_in(context.get_state()).contacts),
             {self.abstract_state_ticket(state)},
         )
         period = plant.time_step() if period is None else period
@@ -183,80 +169,46 @@ class TouchSensor(LeafSystem):
 
     def _record(self, context: Context, state: State) -> EventStatus:
         """Add what has begun to touch."""
-        before: _Felt = state.get_abstract_state(0).get_value()
+        before = _record_in(state)
         after = before
         reset = self._reset.HasValue(context) and self._reset.Eval(context)[0] > 0.0
         if reset and not before.was_reset:
-            after = _Felt(_NOTHING)
+            after = TouchRecord()
         if reset != after.was_reset:
             after = replace(after, was_reset=reset)
-        if self._listens(context):
-            after = self._with_touches(context, after)
-        elif after.touching or after.looked is not None:
-            after = replace(_with_free_space(after), touching=(), looked=None)
+        after = self._with_touches(context, after) if self._listens(context) else after.idle()
         return _updated(state, before, after)
 
-    def _with_touches(self, context: Context, felt: _Felt) -> _Felt:
+    def _with_touches(self, context: Context, record: TouchRecord) -> TouchRecord:
         """Return the record after this moment."""
-        threshold = self._detection.threshold
-        spacing = np.inf if self._detection.spacing is None else self._detection.spacing
-        contacts = self._strong(context, self._detection.release * threshold)
-        if not contacts and not felt.touching:
-            return felt
+        contacts = self._strong(context, self._detection.release * self._detection.threshold)
+        if not contacts and not record.touching:
+            return record
         X_EW = inverse_pose(self._X_WE(context))
-        known, touching, new = dict(felt.touching), {}, []
-        for contact in contacts:
-            link, point = contact.link, apply_pose(X_EW, contact.point)
-            last = known.get(link)
-            strong = contact.normal_force > threshold
-            if strong and (last is None or np.linalg.norm(point - last) >= spacing):
-                new.append(contact)
-                touching[link] = point
-            elif last is not None:
-                touching.setdefault(link, last)
-        if not new and touching.keys() == known.keys():
-            return felt
-        felt = replace(felt, touching=tuple(touching.items()))
-        parts = [part for contact in new for part in contact.flat_parts()]
-        if not parts:
-            return felt
-        found = self._contacts(context, parts)
+        record, added = record.begun(
+            [contact.link for contact in contacts],
+            [apply_pose(X_EW, contact.point) for contact in contacts],
+            [contact.normal_force for contact in contacts],
+            self._detection,
+        )
+        if not added:
+            return record
+        found = self._contacts(context, [p for k in added for p in contacts[k].flat_parts()])
         if self._noise is not None:
-            rng = np.random.default_rng([self._seed, len(felt.contacts)])
+            rng = np.random.default_rng([self._seed, len(record.contacts)])
             found = self._noise.sense(found, rng=rng)
-        found = found.subset(new_contacts(felt.contacts, found))
-        felt = _with_free_space(felt)
-        return replace(felt, contacts=felt.contacts.append(found))
+        return record.with_contacts(found)
 
     def _sweep(self, context: Context, state: State) -> EventStatus:
         """Add the free space that the hand has swept since the last look."""
-        felt: _Felt = state.get_abstract_state(0).get_value()
+        record = _record_in(state)
         if not self._listens(context):
             return EventStatus.DidNothing()
+        assert self._space is not None
         every, X_EW = self._poses.Eval(context), inverse_pose(self._X_WE(context))
         X_EL = X_EW @ np.array([every[body].GetAsMatrix4() for body in self._bodies])
         centers = apply_pose(X_EL[self._owners], self._balls[:, None, :3])[:, 0]
-        radii = self._balls[:, 3]
-        moved = np.inf
-        if felt.looked is not None:
-            moved = float(np.linalg.norm(centers - felt.looked, axis=1).max())
-        if moved < FREE_POINT_SPACING:
-            return EventStatus.DidNothing()
-        assert self._space is not None
-        apart = np.linalg.norm(centers - self._space.center, axis=1)
-        cells = np.round(centers / FREE_POINT_SPACING).astype(int)
-        rows, added = [], set()
-        for ball in np.flatnonzero(apart < self._space.radius + radii):
-            cell = (int(ball), *cells[ball].tolist())
-            if cell not in felt.cells:
-                rows.append(ball)
-                added.add(cell)
-        swept = felt.swept
-        if rows:
-            swept = (*swept, np.column_stack([centers[rows], radii[rows]]))
-        return _updated(
-            state, felt, replace(felt, swept=swept, cells=felt.cells | added, looked=centers)
-        )
+        return _updated(state, record, record.looked_at(centers, self._balls[:, 3], self._space))
 
     def _listens(self, context: Context) -> bool:
         return not self._enable.HasValue(context) or self._enable.Eval(context)[0] != 0.0
@@ -297,27 +249,17 @@ class TouchSensor(LeafSystem):
         return X_WF @ self._X_FE
 
 
-def _felt(context: Context) -> _Felt:
-    felt: _Felt = context.get_abstract_state(0).get_value()
-    return felt
+def _record_in(state: State) -> TouchRecord:
+    record: TouchRecord = state.get_abstract_state(0).get_value()
+    return record
 
 
-def _updated(state: State, before: _Felt, after: _Felt) -> EventStatus:
+def _updated(state: State, before: TouchRecord, after: TouchRecord) -> EventStatus:
     """Set the record, and say if there was nothing to set: then nothing is computed again."""
     if after is before:
         return EventStatus.DidNothing()
     state.get_mutable_abstract_state(0).set_value(after)
     return EventStatus.Succeeded()
-
-
-def _with_free_space(felt: _Felt) -> _Felt:
-    """Return the record with the free space of the motion so far in its contacts."""
-    if not felt.swept:
-        return felt
-    balls = np.vstack(felt.swept)
-    free = Contacts(np.empty((0, 3)), np.empty((0, 3)))
-    free = replace(free, free_points=balls[:, :3], free_radii=balls[:, 3])
-    return replace(felt, contacts=felt.contacts.append(free), swept=())
 
 
 def _geometries(
