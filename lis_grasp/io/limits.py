@@ -90,6 +90,8 @@ def announced_rows(path: Path) -> dict[str, int]:
     """
     with path.open("rb") as file:
         head = file.read(_PLY_HEADER).partition(b"end_header")[0]
+    if not head.startswith(b"ply"):
+        raise ValueError("it does not begin with ply")
     rows = {name.decode("ascii", "replace"): int(n) for name, n in _PLY_ELEMENT.findall(head)}
     if sum(rows.values()) > path.stat().st_size:
         raise ValueError(f"it announces {sum(rows.values())} rows, more than it has bytes")
