@@ -36,7 +36,7 @@ RecordedFacts = create_model(  # type: ignore[call-overload]
     support_height=(Number, None),
     warnings=(list[str] | None, None),
     **dict.fromkeys(("turned", "left_out"), (list[Count] | None, None)),
-    doubt_log_odds=(Vector | None, None),
+    doubt_log_odds=(list[Number] | None, None),
     **dict.fromkeys(("X_WO", "X_EO", "X_EA", "X_FB"), (Pose | None, None)),
     **{name: (_in_file(hint), None) for name, hint in get_type_hints(RunConfig).items()},
 )

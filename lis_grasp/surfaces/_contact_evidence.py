@@ -54,8 +54,8 @@ _DEEP, _NOISE_REACH = 0.1, 4.0
 _STRAY = (11.6, 6.6, -5.1, -2.2)
 # Prediction errors have this many medians where contacts are sound.
 _LARGEST_ERROR = 6.0
-# Log odds of a stray inside of free space, or at (0, 0, 0) exactly: an empty row.
-_IMPOSSIBLE = 6.0
+# Log odds of a stray inside of free space, and at (0, 0, 0) exactly: an empty row, unless it fits.
+_INSIDE, _EMPTY = 6.0, 11.0
 
 
 # More contacts are judged in groups of at most so many; fewer say too little about each other.
@@ -86,7 +86,8 @@ class Evidence:
     distances: FloatArray  # (N, N), infinite from a contact to itself
     spacing: float
     outside: FloatArray  # (N, 3): direction of the free space at a contact, 0 where unknown
-    impossible: BoolArray  # (N,): whether it is inside of free space, or an empty row
+    inside: BoolArray  # (N,): whether it is inside of free space
+    empty: BoolArray  # (N,): whether it is an empty row
 
     @classmethod
     def of(cls, contacts: Contacts, position: FloatArray, normal: FloatArray) -> Evidence:
@@ -111,7 +112,8 @@ class Evidence:
             distances=distances,
             spacing=spacing,
             outside=outside,
-            impossible=inside | ~contacts.points.any(axis=1),
+            inside=inside,
+            empty=np.all(contacts.points == 0.0, axis=1),
         )
 
     def without(self, i: int) -> Evidence:
@@ -129,7 +131,8 @@ class Evidence:
             distances=self.distances[among],
             spacing=self.spacing,
             outside=self.outside[kept],
-            impossible=self.impossible[kept],
+            inside=self.inside[kept],
+            empty=self.empty[kept],
         )
 
     def log_odds(self) -> tuple[FloatArray, FloatArray]:
@@ -158,7 +161,7 @@ class Evidence:
         usual = _LARGEST_ERROR * np.median(distance)
         stray = _STRAY[0] * np.minimum(distance / (self.spacing + usual), 1.0)
         stray += _STRAY[1] * distance / (self.distances.min(axis=1) + usual)
-        stray += _STRAY[2] * mirrored + _STRAY[3] + _IMPOSSIBLE * self.impossible
+        stray += _STRAY[2] * mirrored + _STRAY[3] + _INSIDE * self.inside + _EMPTY * self.empty
         return flipped, stray
 
     def mirrored(self) -> tuple[FloatArray, FloatArray]:

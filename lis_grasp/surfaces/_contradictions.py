@@ -82,7 +82,7 @@ class _Search:
             self._doubtful = float(np.mean(flipped > _DOUBTFUL))
             turn = self._turn[self._kept]
             turned = self.verdicts[self._kept] == FLIPPED
-            stray -= self._leave_out
+            stray -= np.where(self._evidence.empty, _LEAVE_OUT, self._leave_out)
             as_measured = np.where(turned, -flipped, flipped) - turn
             self.odds[self._kept] = np.maximum(as_measured, stray)
             flipped -= np.where(turned, -_TURNED, turn - _FOUND * np.log1p(turned.sum()))

@@ -1,0 +1,195 @@
+"""Contacts that lie: kinds of lies told about true contacts, and what becomes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from types import MappingProxyType
+from zlib import crc32
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.surface_error import surface_error
+from lis_grasp.exceptions import EstimationError, LisGraspError
+from lis_grasp.io.json_lines import Row
+from lis_grasp.meshing import extract_mesh
+from lis_grasp.surfaces import ESTIMATORS, judge_contacts, orient_normals
+from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp_studies.contact_study.contact_sets import ContactCase, ContactSet, contact_set
+from lis_grasp_studies.contact_study.score import EXPLORED
+from lis_grasp_studies.estimators import Noise
+from lis_grasp_studies.harness.experiment import Experiment
+
+DRAWS: tuple[tuple[str, int, float, float], ...] = (
+    *(("even", 20, 0, 0), ("even", 40, 0, 0), ("even", 100, 0, 0), ("random", 40, 0, 0)),
+    *(("random", 100, 0, 0), ("clustered", 60, 0, 0), ("half", 30, 0, 0), ("even", 60, 0.5, 3)),
+    *(("even", 10, 0, 0), ("even", 60, 3, 15)),
+)
+"""Draw, number, noise [mm] and [degrees] of sets; the last two are hard: few, and noisy."""
+
+HARD = DRAWS[-2:]
+
+LIES: Mapping[str, tuple[float, float, float]] = MappingProxyType(
+    {
+        "clean": (0, 0, 0),
+        "one flip": (0, 0, 0),
+        "5 % flips": (0.05, 0, 0),
+        "10 % flips": (0.1, 0, 0),
+        "20 % flips": (0.2, 0, 0),
+        "35 % flips": (0.35, 0, 0),
+        "half flipped": (0.5, 0, 0),
+        "one wrong normal": (0, 0, 0),
+        "stray at 0.5 sizes": (0, 0, 0.5),
+        "stray at 1 size": (0, 0, 1),
+        "stray at 5 sizes": (0, 0, 5),
+        "empty row": (0, 0, 0),
+        "5 % flips, 5 % strays": (0.05, 0.05, 0),
+        "unsigned": (0.5, 0, 0),
+    }
+)
+"""Fractions of flips and of strays, and the distance of one stray in sizes, by the kind of lie."""
+
+BELIEVED = ("one flip", "10 % flips", "stray at 1 size")
+"""Kinds of which the errors are measured without the mechanism, too."""
+
+SOUND, FLIPPED, WRONG_NORMAL, STRAY = range(4)
+
+# Errors below this fraction of the size are as good as none: ratios of nothing mean nothing.
+_FLOOR = 0.002
+# Normals that differ by less are hardly wrong.
+_WRONG = 0.8
+_CELLS = 40
+
+
+@dataclass(frozen=True, slots=True)
+class LieTrial:
+    """One set of contacts that lies are told about."""
+
+    shape: str
+    draw: str
+    count: int
+    millimetres: float
+    degrees: float
+    seed: int
+    fits: int
+    """1 to compare the errors of estimates, too."""
+
+
+def tell(true: Contacts, kind: str, *, rng: np.random.Generator) -> tuple[Contacts, IndexArray]:
+    """Return contacts with lies in random order, and what each is: `SOUND` to `STRAY`."""
+    flips, strays, distance = LIES[kind]
+    points, normals, count = true.points, true.normals.copy(), len(true)
+    codes = np.full(count, SOUND)
+    number = 1 if kind == "one flip" else round(flips * count) or int(flips > 0)
+    codes[rng.choice(count, number, replace=False)] = FLIPPED
+    normals[codes == FLIPPED] *= -1.0
+    if kind == "one wrong normal":
+        i = int(rng.integers(count))
+        while (wrong := _direction(rng)) @ true.normals[i] > _WRONG:
+            pass
+        codes[i], normals[i] = WRONG_NORMAL, wrong
+    added = [_outside(true, distance, rng)] if distance else []
+    added += [np.zeros(3)] if kind == "empty row" else []
+    added += [
+        _outside(true, float(rng.choice([0.5, 1.0, 5.0])), rng)
+        for _ in range(max(1, round(strays * count)) if strays else 0)
+    ]
+    for point in added:
+        points, normals = np.vstack([points, point]), np.vstack([normals, _direction(rng)])
+        codes = np.append(codes, STRAY)
+    order = rng.permutation(len(points))
+    return Contacts(points[order], normals[order]), codes[order]
+
+
+def measure(trial: LieTrial, kind: str) -> Row:
+    """Return the verdicts on a set with lies of a kind, and the ratios of errors to the truth's."""
+    data, true = _true_set(trial)
+    key = [trial.seed, crc32(f"{trial.shape} {trial.draw} {trial.count} {kind}".encode())]
+    told, codes = tell(true, kind, rng=np.random.default_rng(key))
+    row: Row = {"family": data.family, "bad": int(np.count_nonzero(codes))}
+    if kind == "unsigned":
+        try:
+            signed = orient_normals(told)
+        except EstimationError:
+            return row | {"refused": True, "right": False}
+        turned = np.sum(signed.normals * told.normals, axis=1) < 0.0
+        return row | {"refused": False, "right": bool(np.all(turned == (codes == FLIPPED)))}
+    verdicts = judge_contacts(told)
+    judged = verdicts.bad
+    row |= {
+        "right": bool(np.array_equal(verdicts.codes == FLIPPED, codes == FLIPPED))
+        and bool(np.array_equal(judged, codes > 0)),
+        "said": bool(judged.any()),
+        "found": int(np.count_nonzero(judged & (codes > 0))),
+        "false": int(np.count_nonzero(judged & (codes == 0))),
+        "contacts": int(np.count_nonzero(codes == 0)),
+        "refused": True,
+    }
+    try:
+        credible = verdicts.credible
+    except EstimationError:
+        return row
+    row["refused"] = False
+    if trial.fits:
+        size = data.shape.size
+        for name in ("blend", "gpis"):
+            clean, within = _clean_score(trial, name)
+            score = (clean, within) if row["right"] else _score(credible, data, name)
+            row[name] = max(score[0], _FLOOR * size) / max(clean, _FLOOR * size)
+            row[f"{name}_within"] = score[1]
+            if kind in BELIEVED:
+                raw = _score(replace(told, judged=True), data, name)[0]
+                row[f"{name}_raw"] = max(raw, _FLOOR * size) / max(clean, _FLOOR * size)
+    return row
+
+
+def _true_set(trial: LieTrial) -> tuple[ContactSet, Contacts]:
+    data = contact_set(trial.shape, ContactCase(trial.draw, trial.count), trial.seed)
+    key = [trial.seed, crc32(trial.shape.encode()), trial.count, int(10 * trial.millimetres)]
+    noise = Noise(1e-3 * trial.millimetres, float(np.deg2rad(trial.degrees)))
+    return data, noise.disturb(data.exact, rng=np.random.default_rng(key))
+
+
+@lru_cache(maxsize=64)
+def _clean_score(trial: LieTrial, estimator: str) -> tuple[float, float | None]:
+    data, true = _true_set(trial)
+    return _score(replace(true, judged=True), data, estimator)
+
+
+def _score(contacts: Contacts, data: ContactSet, estimator: str) -> tuple[float, float | None]:
+    """Return the larger rms distance [m] between estimate and truth, and the 95 % band's rate."""
+    size = data.shape.size
+    try:
+        surface = ESTIMATORS[estimator](contacts)
+        low, high = surface.bounds
+        mesh = extract_mesh(surface, resolution=float(np.max(high - low)) / _CELLS)
+        error = surface_error(
+            mesh, data.shape, data.exact, explored_radius=EXPLORED * size, samples=1000
+        )
+    except (LisGraspError, ArithmeticError, ValueError):
+        return EXPLORED * size, None
+    points = data.shape.mesh.sample(300, seed=0)
+    points = points[cKDTree(data.exact.points).query(points)[0] <= EXPLORED * size]
+    off = np.abs(surface.evaluate(points))
+    within = float(np.mean(off <= 1.96 * surface.uncertainty(points)))
+    return max(error.rmsd, error.rmsd_truth_to_estimate), within
+
+
+def _direction(rng: np.random.Generator) -> FloatArray:
+    vector = rng.normal(size=3)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _outside(true: Contacts, sizes: float, rng: np.random.Generator) -> FloatArray:
+    """Return a point at a distance, in sizes, from the contacts, in a random direction."""
+    size, middle, direction = true.extent, true.points.mean(axis=0), _direction(rng)
+    line = middle + np.linspace(0.0, (sizes + 2.0) * size, 4000)[:, None] * direction
+    apart, _ = cKDTree(true.points).query(line)
+    return np.asarray(line[min(int(np.flatnonzero(apart <= sizes * size).max()) + 1, 3999)])
+
+
+EXPERIMENT = Experiment("lies", measure, asdict, variant="lie")
+"""The experiment; its variants are the kinds of lies."""

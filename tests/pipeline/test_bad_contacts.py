@@ -1,0 +1,97 @@
+"""Bad contacts from file to page: named, repeated by later stages, and believed on request."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import TooManyBadContactsError
+from lis_grasp.pipeline import ContactSource, estimate_file, grasp_file
+from lis_grasp.pipeline.progress import SILENT
+from lis_grasp.pipeline.recorded_facts import read_facts
+from lis_grasp.pipeline.run_scene import scene_of
+
+BOX = trimesh.creation.box(extents=[0.06, 0.05, 0.04])
+FLIPPED, STRAY = 7, 20
+
+
+@dataclass
+class Lines:
+    """Progress that keeps its lines."""
+
+    lines: list[str] = field(default_factory=list)
+
+    def say(self, line: str) -> None:
+        self.lines.append(line)
+
+    @contextmanager
+    def stage(self, title: str) -> Iterator[object]:
+        with SILENT.stage(title) as stage:
+            yield stage
+
+
+@pytest.fixture
+def touches(tmp_path: Path) -> Path:
+    """Contacts of a box of which one is flipped and one a touch of something else."""
+    points, faces = trimesh.sample.sample_surface_even(BOX, 60, seed=1)
+    normals = BOX.face_normals[faces].copy()
+    normals[FLIPPED] *= -1.0
+    points[STRAY] += [0.0, 0.12, 0.03]
+    path = tmp_path / "touches.csv"
+    Contacts(points, normals).save(path)
+    return path
+
+
+def test_an_estimate_names_bad_contacts_and_grasps_repeat_it(touches: Path) -> None:
+    said = Lines()
+    made = estimate_file([ContactSource(touches)], touches.parent / "out", progress=said)
+    np.testing.assert_allclose(1e3 * made.mesh.extents, [60.0, 50.0, 40.0], atol=0.2)
+    assert len(Contacts.load(made.path.with_name("contacts.ply"))) == 60  # what was measured
+    facts = read_facts(made.path)
+    assert (facts["turned"], facts["left_out"]) == ([FLIPPED], [STRAY])
+    assert np.shape(facts["doubt_log_odds"]) == (2,)
+    assert min(facts["doubt_log_odds"]) > 0.0
+    (warning,) = facts["warnings"]
+    assert all(f"row {row + 1}" in warning for row in (FLIPPED, STRAY))
+    assert any(warning in line for line in said.lines)
+    assert sorted(scene_of(made.path.parent).bad_contacts) == [FLIPPED, STRAY]
+    again = Lines()
+    grasp_file(made.path, hand="wsg50", grasps=1, progress=again)
+    assert any(warning in line for line in again.lines)
+
+
+def test_all_contacts_are_believed_on_request(touches: Path) -> None:
+    made = estimate_file([ContactSource(touches)], touches.parent / "out", keep_all=True)
+    assert np.abs(1e3 * made.mesh.extents - [60.0, 50.0, 40.0]).max() > 1.0
+    assert "left_out" not in read_facts(made.path)
+
+
+def test_few_contacts_are_warned_of_by_grasps_too(tmp_path: Path) -> None:
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    Contacts(0.03 * axes, axes).save(tmp_path / "six.csv")
+    made = estimate_file([ContactSource(tmp_path / "six.csv")], tmp_path / "out")
+    said = Lines()
+    grasp_file(made.path, hand="wsg50", grasps=1, progress=said)
+    assert any("fewer than 10 contacts" in line for line in said.lines)
+
+
+def test_half_flipped_normals_are_refused_and_oriented_on_request(touches: Path) -> None:
+    contacts = Contacts.load(touches)
+    contacts = contacts.subset(np.arange(60) != STRAY)
+    signs = np.where(np.random.default_rng(0).random(59) < 0.5, -1.0, 1.0)[:, None]
+    replace(contacts, normals=signs * contacts.normals).save(touches)
+    with pytest.raises(TooManyBadContactsError, match="`normals` unsigned"):
+        estimate_file([ContactSource(touches, normals="outward")], touches.parent / "out")
+    source = ContactSource(touches, normals="unsigned")
+    made = estimate_file([source], touches.parent / "out")
+    np.testing.assert_allclose(1e3 * made.mesh.extents, [60.0, 50.0, 40.0], atol=0.2)
+    away = ContactSource(touches, viewpoint=[0.0, 0.0, 1.0])
+    facing = Contacts.load(
+        estimate_file([away], touches.parent / "view", keep_all=True).path.with_name("contacts.ply")
+    )
+    assert np.all(np.sum(([0.0, 0.0, 1.0] - facing.points) * facing.normals, axis=1) >= 0.0)
