@@ -124,6 +124,23 @@ class Matern72(RadialKernel):
         first = (1.0 + q + q * q / 3.0) * decay  # times 5 length^2 / 7
         return first + q * q * (1.0 + q) / 15.0 * decay, 7.0 / (5.0 * self.length**2) * first
 
+    def combined(self, squares: FloatArray, values: FloatArray, slopes: FloatArray) -> FloatArray:
+        """Return values k(r) - slopes k'(r) / r; squares and slopes are overwritten."""
+        # exp(-q) ((1 + q + q^2 / 3) (values + 7 / (5 length^2) slopes) + (1 + q) q^2 / 15 values)
+        squares *= 7.0 / self.length**2
+        slopes *= 7.0 / (5.0 * self.length**2)
+        slopes += values
+        q = np.sqrt(squares)
+        total = squares * (values / 15.0)
+        total += slopes
+        total *= 1.0 + q
+        squares *= slopes
+        squares /= 3.0
+        total += squares
+        np.negative(q, out=q)
+        total *= np.exp(q, out=q)
+        return total
+
     def second(self, r: FloatArray) -> FloatArray:
         """Return (k''(r) - k'(r) / r) / r^2."""
         q = np.sqrt(7.0) * r / self.length

@@ -8,7 +8,12 @@ import pytest
 from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces import LocalImplicitSurface, PatchImplicitSurface
 from lis_grasp.surfaces._kernel_mean import KernelMean
-from lis_grasp.surfaces._kernels import Matern52, SquaredExponential, ThinPlate
+from lis_grasp.surfaces._kernels import (
+    Matern52,
+    Matern72,
+    SquaredExponential,
+    ThinPlate,
+)
 from lis_grasp.surfaces._patch_csg import active_patches, solid_values
 from lis_grasp.surfaces.queries import compact_blocks
 
@@ -30,7 +35,9 @@ def test_points_at_one_place_make_blocks_of_the_wanted_size() -> None:
     assert [len(block) for block in compact_blocks(np.ones((2500, 3)), 1000)] == [1000, 1000, 500]
 
 
-@pytest.mark.parametrize("kernel", [SquaredExponential(0.7), Matern52(0.7), ThinPlate(5.0)])
+@pytest.mark.parametrize(
+    "kernel", [SquaredExponential(0.7), Matern52(0.7), Matern72(0.7), ThinPlate(5.0)]
+)
 def test_combined_kernels_equal_their_parts(
     kernel: SquaredExponential | Matern52 | ThinPlate,
 ) -> None:
