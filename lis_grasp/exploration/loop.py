@@ -12,6 +12,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
+from lis_grasp.exploration.extent import open_ends
 from lis_grasp.exploration.policy import Policy
 from lis_grasp.exploration.pose_tracking import PoseTracker
 from lis_grasp.exploration.probe import (
@@ -371,13 +372,26 @@ def _estimated(
     return replace(state, estimated=estimated, surface=surface, is_new=is_new, rules=rules)
 
 
+def sought_ends(setup: ExplorationSetup, state: ExplorationState) -> str:
+    """Return in words which ends of an object in a region are still sought; empty if none.
+
+    Stop rules wait for them.
+    """
+    if not isinstance(setup.space, Region) or len(state.prior):
+        return ""
+    space = setup.space.fitted_to(state.contacts)
+    return open_ends(space, state.contacts, since_loss(state.outcomes))
+
+
 def _reason_to_end(setup: ExplorationSetup, state: ExplorationState) -> str | None:
+    sought = sought_ends(setup, state)
     if setup.touches is not None:
         if len(state.contacts) >= setup.touches:
-            return f"{_count(len(state.contacts), 'contact')} made"
+            made = f"{_count(len(state.contacts), 'contact')} made"
+            return f"{made}; not found: {sought}" if sought else made
         if len(state.outcomes) >= _PROBES_PER_TOUCH * setup.touches + _SPARE_PROBES:
             return f"{_count(len(state.outcomes), 'probe')} made"
-    if state.surface is not None:
+    if state.surface is not None and not sought:
         for rule in state.rules:
             reason = rule(state.known, state.surface, state.outcomes)
             if reason:

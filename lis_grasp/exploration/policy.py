@@ -8,13 +8,14 @@ from types import MappingProxyType
 from typing import Protocol, cast
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration.extent import extent_probe, since_first_contact
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import (
     AXES,
-    SAME_DIRECTION,
     axis_probe,
     concavity_probe,
     is_flat,
@@ -22,7 +23,7 @@ from lis_grasp.exploration.probe_motions import (
     surface_probe,
 )
 from lis_grasp.exploration.region import Region, search_probe
-from lis_grasp.exploration.targets import Targets
+from lis_grasp.exploration.targets import FACES_AWAY, Targets
 from lis_grasp.exploration.workspace import Estimate, Workspace, as_estimate
 from lis_grasp.plugins import Guarded, Registry, errors_of
 from lis_grasp.surfaces import ImplicitSurface
@@ -53,6 +54,9 @@ class Policy(Protocol):
         ...
 
 
+# Weight of surface near each missed probe; steps to a contact beyond which targets are equal.
+_DOUBT, _FAR = 0.5, 3.0
+
 TargetSelector = Callable[..., "int | None"]
 """Returns the index of the next target, or None to select none; called as `frontier`."""
 
@@ -73,6 +77,22 @@ def farthest(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Gener
     (Gonzalez 1985).
     """
     return _best(targets, targets.nearest)
+
+
+def widest(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:
+    """Select a target that covers much new surface and is far from any contact.
+
+    The new surface within a step of the target, as a fraction of the largest, plus the distance to
+    the nearest contact on its side, in steps and at most three. Surface counts half for each probe
+    that missed within a step of it.
+    """
+    counts = _DOUBT**targets.misses
+    new = targets.touchable & (targets.nearest > targets.step)
+    covers = cdist(targets.points, targets.points[new]) < targets.step
+    covers &= targets.normals @ targets.normals[new].T > FACES_AWAY
+    area = (covers @ counts[new]) * counts
+    gap = np.minimum(targets.nearest / targets.step, _FAR)
+    return _best(targets, area / max(area.max(initial=0.0), 1e-9) + gap)
 
 
 def fastest(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:
@@ -198,6 +218,7 @@ class PolicyKind:
 
 POLICIES: Mapping[str, PolicyKind] = MappingProxyType(
     {
+        "cover": PolicyKind(widest, uses_gaussian_process=True),
         "spread": PolicyKind(farthest, uses_gaussian_process=True),
         "swift": PolicyKind(fastest, uses_gaussian_process=True),
         "frontier": PolicyKind(frontier),
@@ -234,17 +255,13 @@ def find_policy(name: str, space: Workspace) -> Policy:
     return cast(Policy, Guarded(name, policy, {"next_probe": (Probe, type(None))}))
 
 
-# Directions of the probes around the first contact: all but from below the table.
-_OPENING = np.array([axis for axis in AXES if axis[2] <= 0.0])
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class RegionPolicy:
     """Find an object in a region, and explore it in the workspace that its contacts show.
 
-    Until the first contact, it searches (`search_probe`). Then it touches the object from the
-    other sides and from above, which shows its size. After that, a policy for the workspace of the
-    contacts so far chooses.
+    Until the first contact, it searches (`search_probe`). Then it finds the height and the ends of
+    the object (`extent_probe`). After that, a policy for the workspace of the contacts so far
+    chooses.
 
     Parameters
     ----------
@@ -272,28 +289,9 @@ class RegionPolicy:
         space = self.region.grown(known)
         if np.any(np.linalg.norm(contacts.points - space.center, axis=1) > space.radius):
             space = self.region.grown(contacts)
-        since = _since_first_contact(outcomes)
+        since = since_first_contact(outcomes)
         if len(contacts) <= sum(len(outcome.contacts) for outcome in since):  # none of a camera
-            opening = _opening_probe(space, since)
+            opening = extent_probe(space.fitted_to(contacts), contacts, since)
             if opening is not None:
                 return opening
         return self.make(space).next_probe(contacts, surface, outcomes=outcomes, rng=rng)
-
-
-def _since_first_contact(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:
-    first = next((k for k, outcome in enumerate(outcomes) if len(outcome.contacts)), None)
-    return () if first is None else outcomes[first:]
-
-
-def _opening_probe(space: Workspace, since: Sequence[ProbeOutcome]) -> Probe | None:
-    """Return a probe along an axis through the centre, from the least probed side, or None."""
-    probed = np.array([outcome.probe.direction for outcome in since])
-    nearest = (_OPENING @ probed.T).max(axis=1)  # cosine to the most similar direction
-    left = nearest <= SAME_DIRECTION
-    if len(since) > len(_OPENING) or not left.any():
-        return None
-    direction = _OPENING[int(np.argmin(nearest))]
-    target = space.center.copy()
-    if any(outcome.status == "missed" for outcome in since):
-        target[2] = min(target[2], space.level_height)  # a thin tip passed over a low object
-    return Probe(target, direction, 0.6 * space.size + 0.5 * space.step, 0.25 * space.size)

@@ -24,7 +24,7 @@ from lis_grasp.exploration.workspace import Estimate, Workspace, as_estimate
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space
 from lis_grasp.surfaces.contact_places import box_lengths
-from lis_grasp.typing import BoolArray, FloatArray
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 # A target equals an earlier one within this fraction of its gap, if their directions agree.
 _SAME_TARGET = 0.4
@@ -42,8 +42,10 @@ _BESIDE = 0.2
 _BESIDE_LONG, _LONG = 1.0, 2.0
 # So many probes for every contact may miss: they show where the estimate extends too far.
 _MISSES = 0.1
-# A contact does not count for surface that faces away from it, as on the far side of a thin wall.
-_FACES_AWAY = -0.5
+FACES_AWAY = -0.5
+"""Cosine of the normals of surface that faces away from a contact, as on the far side of a thin
+wall: the contact does not count for it."""
+
 # On a flat object the sides are near contacts on the top: these count only if they face alike.
 _FACES_ALIKE = 0.5
 
@@ -89,6 +91,8 @@ class Targets:
     eligible: BoolArray  # (P,): no earlier target, not in free space, and can be approached
     step: float  # wanted distance between touches [m]
     seconds: FloatArray  # (P,) [s]: time that touching the point next would take
+    touchable: BoolArray  # (P,): not at a table, and not facing it
+    misses: IndexArray  # (P,): paths of tips that missed within a step of the point
 
     @classmethod
     def find(
@@ -103,11 +107,13 @@ class Targets:
         candidates = Candidates.of(space, estimate)
         points, normals, away = candidates.points, candidates.normals, candidates.away
         flat = is_flat(contacts, space)
-        least_cosine = _FACES_ALIKE if flat else _FACES_AWAY
+        least_cosine = _FACES_ALIKE if flat else FACES_AWAY
         nearest = gaps(points, normals, contacts, least_cosine=least_cosine)
-        eligible = _distance_to_misses(points, outcomes) > _FREE_RADIUS * space.step
+        apart = _distances_to_misses(points, outcomes)
+        eligible = apart.min(axis=0, initial=np.inf) > _FREE_RADIUS * space.step
         eligible &= candidates.depths_with(estimate, contacts) < _IN_FREE_SPACE * space.step
-        eligible &= space.touchable(points, normals)
+        touchable = space.touchable(points, normals)
+        eligible &= touchable
         eligible &= ~_tried(candidates.targets, away, np.minimum(nearest, space.step), outcomes)
         eligible &= ~_starts_blocked(candidates.targets, away, space.step, outcomes)
         misses = sum(outcome.status == "missed" for outcome in outcomes)
@@ -115,7 +121,8 @@ class Targets:
             beside = _BESIDE_LONG if flat and _is_long(contacts) else _BESIDE
             eligible &= _meets_hull(points, normals, contacts, beside * space.step)
         seconds = seconds_to_touch(points, normals, space, outcomes)
-        return cls(points, normals, nearest, eligible, space.step, seconds)
+        near = (apart < space.step).sum(axis=0)
+        return cls(points, normals, nearest, eligible, space.step, seconds, touchable, near)
 
 
 def _is_long(contacts: Contacts) -> bool:
@@ -140,7 +147,7 @@ def gaps(
     normals: FloatArray,
     contacts: Contacts,
     *,
-    least_cosine: float = _FACES_AWAY,
+    least_cosine: float = FACES_AWAY,
 ) -> FloatArray:
     """Return each point's distance to the nearest contact on its side, shape (P,) [m].
 
@@ -184,17 +191,17 @@ def _starts_blocked(
     return blocked
 
 
-def _distance_to_misses(points: FloatArray, outcomes: Sequence[ProbeOutcome]) -> FloatArray:
-    """Return each point's distance to the path of a tip that missed, shape (P,) [m]."""
-    distance = np.full(len(points), np.inf)
+def _distances_to_misses(points: FloatArray, outcomes: Sequence[ProbeOutcome]) -> FloatArray:
+    """Return the points' distances to the path of each tip that missed, shape (M, P) [m]."""
+    distances = [np.empty((0, len(points)))]
     for outcome in outcomes:
         if outcome.status == "missed":
             probe = outcome.probe
             along = (points - probe.target) @ probe.direction
             along = np.clip(along, -probe.standoff, probe.overshoot)
             path = probe.target + along[:, None] * probe.direction
-            distance = np.minimum(distance, np.linalg.norm(points - path, axis=1))
-    return distance
+            distances.append(np.linalg.norm(points - path, axis=1)[None])
+    return np.concatenate(distances)
 
 
 def seconds_to_touch(

@@ -36,6 +36,8 @@ _AT_TABLE = 0.2
 _FACES_DOWN = -float(np.sqrt(0.5))
 # A fingertip in a level motion stays this high above a table [m].
 _TIP_CLEARANCE = 0.0015
+# Least step, in sizes: a few contacts in a line would show that of a thread.
+_LEAST_STEP = 1.0 / 16.0
 # Fewer contacts show no size.
 _FEW = 4
 
@@ -105,7 +107,8 @@ class Workspace:
             return self
         enlarged = self.size / min(float(np.ptp(contacts.bounds, axis=0).max()), self.size)
         area = box_area(contacts.points) * enlarged**2
-        return replace(self, step=min(self.step, STEP_FRACTION * float(np.sqrt(area / np.pi))))
+        step = max(STEP_FRACTION * float(np.sqrt(area / np.pi)), _LEAST_STEP * self.size)
+        return replace(self, step=min(self.step, step))
 
     def touchable(self, points: FloatArray, normals: FloatArray) -> BoolArray:
         """Return which surface points (P, 3) [m] a table leaves to be touched, shape (P,).

@@ -58,6 +58,7 @@ ESTIMATOR_MEANINGS: Mapping[str, str] = MappingProxyType(
 
 POLICY_MEANINGS: Mapping[str, str] = MappingProxyType(
     {
+        "cover": "where most surface is new, far from all contacts",
         "spread": "farthest from all contacts",
         "swift": "the same, with little motion",
         "frontier": "next to the contacts, as in the paper",
@@ -165,7 +166,7 @@ class RunConfig:
         False, "the object is free on a table and may be pushed; needs `prober` dynamic"
     )
     policy: str = option(
-        "spread",
+        "cover",
         "choice of the next touch",
         TOUCHING,
         metavar="NAME",

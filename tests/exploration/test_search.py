@@ -189,18 +189,3 @@ def test_a_thing_of_4_mm_is_found_by_sweeps_as_low_as_the_fingertip_goes(tip_rad
         assert not level or min(probe.start[2], probe.end[2]) > tip_radius
         outcomes.append(coin.probe(probe))
     assert outcomes[-1].status == "touched"
-
-
-def test_once_a_probe_passed_over_a_low_object_the_next_ones_are_low() -> None:
-    region, rng = Region(tip_radius=0.003), np.random.default_rng(0)
-    policy = RegionPolicy(region, TargetPolicy)
-    side = Contacts(np.array([[0.05, 0.0, 0.003]]), np.array([[1.0, 0.0, 0.0]]))
-    first = Probe(np.array([0.05, 0.0, 0.0045]), np.array([-1.0, 0.0, 0.0]), 0.1, 0.1)
-    outcomes = [ProbeOutcome(first, "touched", side)]
-    probe = policy.next_probe(side, None, outcomes=outcomes, rng=rng)
-    assert probe is not None
-    assert probe.target[2] > 0.01
-    outcomes.append(ProbeOutcome(probe, "missed"))
-    probe = policy.next_probe(side, None, outcomes=outcomes, rng=rng)
-    assert probe is not None
-    assert probe.target[2] == pytest.approx(region.grown(side).level_height)

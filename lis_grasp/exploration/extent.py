@@ -1,0 +1,188 @@
+"""Extent of an object on a table: its four level ends, and the probes that find and close them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.workspace import Workspace
+from lis_grasp.geometry import unit
+from lis_grasp.typing import FloatArray
+
+# Motions to an end begin so far beyond the extreme contact [m], the next ones if that is blocked.
+_BEYOND = (0.1, 0.2, 0.35)
+# Motions to an end, and probes after the first contact, before the extent is given up.
+_TRIES, _MOST = 3, 12
+# A contact within so many steps of the extreme closes an end if its normal faces out like this.
+_NEAR, _FACES_OUT = 0.35, float(np.sqrt(0.5))
+# Cosine of directions along an end's (15 degrees), and sine across it.
+_ALONG, _ACROSS = float(np.cos(np.radians(15.0))), float(np.sin(np.radians(15.0)))
+# Contacts that are so many times as long as wide show the axes; fewer do by their normals.
+_ELONGATED = 2.0
+# The ends of what is so many times as long as wide are passed by a sweep across.
+_LONG = 1.5
+# A sweep passes an end at this distance [m] and so many widths more, and is longer on each side.
+_PASS, _OBLIQUE, _MARGIN = 0.02, 0.15, 0.03
+# The first motion down is so far inside of the first contact [m].
+_INSIDE = 0.012
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class End:
+    """End of an object in a level direction, as far as contacts and probes show it."""
+
+    out: FloatArray  # (3,), unit, level
+    space: Workspace
+    contacts: Contacts
+    outcomes: Sequence[ProbeOutcome]  # since the first contact
+
+    @property
+    def across(self) -> FloatArray:
+        """Level direction across the end, shape (3,)."""
+        return np.array([-self.out[1], self.out[0], 0.0])
+
+    @property
+    def extreme(self) -> FloatArray:
+        """The contact farthest out, shape (3,) [m]."""
+        return np.asarray(self.contacts.points[int(np.argmax(self.contacts.points @ self.out))])
+
+    @property
+    def tried(self) -> list[ProbeOutcome]:
+        """Outcomes of motions inward."""
+        return [o for o in self.outcomes if -(o.probe.direction @ self.out) > _ALONG]
+
+    @property
+    def is_open(self) -> bool:
+        """Whether no contact near the extreme shows the end yet, and tries are left.
+
+        A contact shows it if its normal faces out, or if an inward motion ended there ahead of the
+        tip, as on an upper edge.
+        """
+        points, normals = self.contacts.points, self.contacts.normals
+        found = normals @ self.out > _FACES_OUT
+        tried = self.tried
+        for outcome in tried:
+            for contact in outcome.contacts:
+                aside = abs(float((contact.points[0] - outcome.probe.target) @ self.across))
+                same = np.linalg.norm(points - contact.points[0], axis=1) < self.space.tip_radius
+                found |= same & (aside < self.space.tip_radius) & (normals @ self.out > -0.3)
+        near = points @ self.out > self.extreme @ self.out - _NEAR * self.space.step
+        return len(tried) < _TRIES and not bool((near & found).any())
+
+    @property
+    def is_passed(self) -> bool:
+        """Whether a level motion across passed the end, or met what is beyond."""
+        place = float(self.extreme @ self.out)
+        return any(
+            o.probe.direction[2] == 0.0
+            and abs(o.probe.direction @ self.out) < _ACROSS
+            and o.probe.target @ self.out > place
+            for o in self.outcomes
+        )
+
+    def inward(self) -> Probe:
+        """Return a level motion to the end, from outside, along the middle of what is known."""
+        places, extreme = self.contacts.points @ self.across, self.extreme
+        middle = 0.5 * float(places.min() + places.max())
+        height = 0.5 * float(self.contacts.points[:, 2].max())
+        tried = self.tried
+        if tried and tried[-1].status != "blocked":
+            middle = float(extreme @ self.across)
+            if tried[-1].status == "missed":
+                height = float(extreme[2]) if len(tried) < 2 else 0.0
+        blocked = sum(o.status == "blocked" for o in tried)
+        beyond = _BEYOND[min(blocked, len(_BEYOND) - 1)]
+        inside = 0.5 * float(np.ptp(self.contacts.points @ self.out)) + self.space.step
+        return Probe(self._place(0.0, middle, height), -self.out, beyond, inside)
+
+    def sweep(self) -> Probe:
+        """Return a level motion across, beyond the end, which meets what continues there."""
+        places = self.contacts.points @ self.across
+        half = 0.5 * float(np.ptp(places))
+        beyond = self.space.tip_radius + _PASS + 2.0 * _OBLIQUE * half
+        height = 0.5 * float(self.contacts.points[:, 2].max())
+        target = self._place(beyond, 0.5 * float(places.min() + places.max()), height)
+        return Probe(target, self.across, half + _MARGIN, half + _MARGIN)
+
+    def _place(self, beyond: float, across: float, height: float) -> FloatArray:
+        place = (float(self.extreme @ self.out) + beyond) * self.out + across * self.across
+        place[2] = max(height, self.space.level_height)
+        return np.asarray(place)
+
+
+def ends_of(
+    space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOutcome]
+) -> tuple[End, ...]:
+    """Return the four level ends: both along an axis, then both across it.
+
+    `contacts`, at least one, are those of the outcomes since the first contact.
+    """
+    along = _level_axis(contacts)
+    across = np.array([-along[1], along[0], 0.0])
+    return tuple(End(out, space, contacts, outcomes) for out in (along, -along, across, -across))
+
+
+def since_first_contact(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:
+    """Return the outcomes from the one on that made the first contact; empty if none did."""
+    first = next((k for k, outcome in enumerate(outcomes) if len(outcome.contacts)), None)
+    return () if first is None else outcomes[first:]
+
+
+def open_ends(space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> str:
+    """Return in words which ends of an object on a table are still sought; empty if none.
+
+    `contacts` are those of the outcomes.
+    """
+    since = since_first_contact(outcomes)
+    if not since or not len(contacts) or len(since) >= _MOST:
+        return ""
+    open_ones = [1e3 * end.extreme for end in ends_of(space, contacts, since) if end.is_open]
+    return ", ".join(f"the end beyond x = {x:.0f}, y = {y:.0f} mm" for x, y, _ in open_ones)
+
+
+def extent_probe(
+    space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOutcome]
+) -> Probe | None:
+    """Return the next probe that shows how far an object on a table extends, or None.
+
+    After the first contact a motion down beside it shows the height. Then level motions from
+    outside find the four ends, opposite to the first contact first. At last sweeps pass the ends
+    of a long object: what they meet, such as a jaw, is a new extreme, and its end open.
+
+    Contacts are those of the outcomes since the first contact.
+    """
+    if not len(contacts) or len(outcomes) >= _MOST:
+        return None
+    normal = contacts.normals[0]
+    is_level = [o.probe.direction[2] > -_FACES_OUT for o in outcomes]
+    if all(is_level) and not bool((contacts.normals[:, 2] > _FACES_OUT).any()):
+        place = contacts.points[0] - _INSIDE * normal
+        place[2] = space.level_height
+        return Probe(place, np.array([0.0, 0.0, -1.0]), 0.6 * space.size, 0.0)
+    ends = ends_of(space, contacts, outcomes)
+    found = [end for end in ends if end.is_open]
+    if found:
+        return min(found, key=lambda end: (len(end.tried) > 0, float(end.out @ normal))).inward()
+    lengths = [float(np.ptp(contacts.points @ end.out)) for end in (ends[0], ends[2])]
+    if max(lengths) < _LONG * min(lengths):
+        return None
+    both = ends[:2] if lengths[0] > lengths[1] else ends[2:]
+    return next((end.sweep() for end in both if not end.is_passed), None)
+
+
+def _level_axis(contacts: Contacts) -> FloatArray:
+    """Return a level axis of an object, unit, shape (3,): the long one if contacts show it.
+
+    Else it is perpendicular to the level normals, by their mean direction without sign.
+    """
+    points = contacts.points[:, :2] - contacts.points[:, :2].mean(axis=0)
+    variances, axes = np.linalg.eigh(points.T @ points)
+    if len(points) > 2 and variances[1] > _ELONGATED**2 * variances[0]:
+        return np.append(axes[:, 1], 0.0)
+    x, y = contacts.normals[np.abs(contacts.normals[:, 2]) < _FACES_OUT, :2].T
+    angle = 0.5 * np.arctan2(2.0 * (x * y).sum(), (x**2 - y**2).sum())
+    return np.asarray(unit(np.array([-np.sin(angle), np.cos(angle), 0.0])))

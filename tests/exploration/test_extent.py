@@ -1,0 +1,128 @@
+"""Extent of an object on a table: its ends are found, named while they are sought, and closed."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+import trimesh
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exploration import (
+    Exploration,
+    ExplorationSetup,
+    Probe,
+    ProbeOutcome,
+    Region,
+    TactileSensor,
+    explore,
+)
+from lis_grasp.exploration.extent import ends_of, extent_probe, open_ends
+from lis_grasp.pipeline.stages import make_policy
+from lis_grasp.probing.kinematic_prober import KinematicProber
+from lis_grasp.robots.hand import Hand
+from lis_grasp.surfaces import ESTIMATORS
+
+REGION = Region(tip_radius=0.004)
+X, Y, UP = np.eye(3)
+
+
+def touched(point: np.ndarray, normal: np.ndarray) -> ProbeOutcome:
+    """Return a touch against a normal."""
+    contacts = Contacts(np.array([point]), np.array([normal]))
+    return ProbeOutcome(Probe(point, -normal, 0.1, 0.05), "touched", contacts)
+
+
+def probe_after(outcomes: list[ProbeOutcome]) -> Probe | None:
+    contacts = Exploration.replay(outcomes).contacts
+    return extent_probe(REGION.fitted_to(contacts), contacts, outcomes)
+
+
+def explored(mesh: trimesh.Trimesh, seed: int, touches: int = 8) -> Exploration:
+    """Explore an object in a region."""
+    setup = ExplorationSetup(
+        make_policy("cover", Region(), TactileSensor()), ESTIMATORS["gpis"], touches, Region()
+    )
+    return explore(KinematicProber(Hand.load("allegro"), mesh), setup, rng=seed)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.6, 2.1])
+def test_both_ends_of_a_bar_are_touched_first(yaw: float) -> None:
+    bar = trimesh.creation.box((0.24, 0.03, 0.03))
+    bar.apply_translation([0.0, 0.0, 0.015])
+    turn = trimesh.transformations.rotation_matrix(yaw, UP)
+    bar.apply_transform(turn)
+    exploration = explored(bar, 1)
+    # Eight touches a step apart on one side would reach over less: a step is at most 60 mm.
+    assert np.ptp(exploration.contacts.points @ turn[:3, 0]) > 0.23
+
+
+def test_after_the_first_contact_height_and_far_side_are_probed_then_the_ends() -> None:
+    outcomes = [touched(np.array([0.0, -0.02, 0.02]), -Y)]
+    down = probe_after(outcomes)
+    assert down is not None
+    np.testing.assert_allclose(down.direction, -UP)
+    np.testing.assert_allclose(down.target[:2], [0.0, -0.008])
+    outcomes.append(touched(np.array([0.0, -0.008, 0.04]), UP))
+    far = probe_after(outcomes)
+    assert far is not None
+    np.testing.assert_allclose(far.direction, -Y, atol=1e-12)
+    outcomes.append(touched(np.array([0.0, 0.02, 0.02]), Y))
+    end = probe_after(outcomes)
+    assert end is not None
+    assert abs(end.direction @ X) == pytest.approx(1.0)
+    assert end.target[2] == pytest.approx(0.02)  # half of the height
+
+
+def test_an_end_is_sought_until_a_contact_faces_out_or_three_motions_failed() -> None:
+    sides = [touched(np.array([0.0, y, 0.02]), np.sign(y) * Y) for y in (-0.02, 0.02)]
+    near = touched(np.array([-0.1, 0.0, 0.02]), -X)
+    space_of = partial(Exploration.replay)
+    contacts = space_of([*sides, near]).contacts
+    space = REGION.fitted_to(contacts)
+    assert [bool(e.is_open) for e in ends_of(space, contacts, [*sides, near])].count(True) == 1
+    assert "x = 0," in open_ends(space, contacts, [*sides, near])
+    missed = ProbeOutcome(Probe(np.array([0.0, 0.0, 0.02]), -X, 0.1, 0.05), "missed")
+    assert open_ends(space, contacts, [*sides, near, missed, missed, missed]) == ""
+    both = space_of([*sides, near, touched(np.array([0.1, 0.0, 0.02]), X)])
+    assert open_ends(space, both.contacts, both.outcomes) == ""
+
+
+def test_a_sweep_beyond_the_end_of_a_long_object_opens_it_again_where_it_touches() -> None:
+    outcomes = [
+        touched(np.array([0.0, -0.02, 0.02]), -Y),
+        touched(np.array([0.0, 0.0, 0.04]), UP),
+        touched(np.array([0.0, 0.02, 0.02]), Y),
+        touched(np.array([0.1, 0.0, 0.02]), X),
+        touched(np.array([-0.1, 0.0, 0.02]), -X),
+    ]
+    sweep = probe_after(outcomes)
+    assert sweep is not None
+    assert abs(sweep.direction @ Y) == pytest.approx(1.0)
+    side = np.sign(sweep.target[0])
+    assert abs(sweep.target[0]) > 0.12
+    jaw = np.array([1.25 * side * 0.1, 0.01, 0.02])
+    met = ProbeOutcome(sweep, "touched", Contacts(jaw[None], -sweep.direction[None]))
+    again = probe_after([*outcomes, met])
+    assert again is not None
+    np.testing.assert_allclose(again.direction, -side * X, atol=0.1)
+    free = ProbeOutcome(sweep, "missed")
+    other = probe_after([*outcomes, free])
+    assert other is not None
+    assert np.sign(other.target[0]) == -side
+    assert probe_after([*outcomes, free, ProbeOutcome(other, "missed")]) is None
+
+
+def test_a_stop_rule_waits_for_the_ends_and_the_reason_names_them() -> None:
+    bar = trimesh.creation.box((0.24, 0.03, 0.03))
+    bar.apply_translation([0.0, 0.0, 0.015])
+    setup = ExplorationSetup(
+        make_policy("cover", Region(), TactileSensor()),
+        ESTIMATORS["gpis"],
+        20,
+        Region(),
+        stop=[lambda contacts, surface, outcomes: "at once"],
+    )
+    ended = explore(KinematicProber(Hand.load("allegro"), bar), setup, rng=1)
+    assert ended.ended == "at once"
+    assert np.ptp(ended.contacts.points[:, 0]) > 0.23
+    assert "not found: the end beyond" in explored(bar, 1, touches=2).ended
