@@ -123,10 +123,7 @@ def add_conditions(parser: argparse.ArgumentParser) -> None:
 def configure_touch(options: argparse.Namespace) -> RunConfig:
     """Return the configuration of a run or an exploration, with the conditions of its options.
 
-    Raises
-    ------
-    InvalidOptionError
-        If two options contradict each other, or a value is out of range.
+    Raises `InvalidOptionError` if two options contradict each other, or a value is out of range.
     """
     if options.clamped and options.free:
         raise InvalidOptionError("give either --clamped or --free; both are given", option="free")
@@ -150,17 +147,6 @@ def add_object(parser: argparse.ArgumentParser, *, required_name: bool = True) -
     else:
         parser.add_argument("--object", metavar="OBJECT", help=f"{text} (default: as recorded)")
     add_options(parser, "size", "units", "up")
-
-
-def add_estimator(parser: argparse.ArgumentParser) -> None:
-    """Add an estimator beside those that a study compares; it may be repeated."""
-    parser.add_argument(
-        "--estimator",
-        action="append",
-        metavar="NAME",
-        help="an estimator to add to those compared, such as your own as my.module:Class; may be"
-        " repeated",
-    )
 
 
 def add_output(parser: argparse.ArgumentParser, default: str) -> None:

@@ -35,11 +35,8 @@ _Meshes = list[tuple[FloatArray, IntArray]]
 def read_3mf(path: Path) -> tuple[FloatArray, IntArray, float]:
     """Return the vertices and triangles of all items of a 3MF file, placed, and its unit [m].
 
-    Raises
-    ------
-    ValueError
-        If it needs an extension beyond materials and production, has no items, or a component is
-        inside of itself.
+    Raises `ValueError` if it needs an extension beyond materials and production, has no items, or a
+    component is inside of itself.
     """
     with path.open("rb") as file, zipfile.ZipFile(file) as archive:
         require_small_archive(archive.infolist())

@@ -317,11 +317,8 @@ def _load_sources(sources: Sequence[ContactSource]) -> tuple[Contacts, dict[str,
 def _require_contacts_fit(folder: Path, contacts: Contacts, sources: Sequence[Path]) -> bool:
     """Return whether a folder has the contacts of a new surface as its contacts.ply.
 
-    Raises
-    ------
-    InvalidOptionError
-        If it has others that must be kept: a source of the new ones, or those of an exploration;
-        or if its surface.ply is a source.
+    Raises `InvalidOptionError` if it has others that must be kept: a source of the new ones, or
+    those of an exploration; or if its surface.ply is a source.
     """
     path, inputs = folder / "contacts.ply", [source.resolve() for source in sources]
     if (folder / "surface.ply").resolve() in inputs:

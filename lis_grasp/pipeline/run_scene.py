@@ -38,10 +38,8 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
 
     Its texts are of `report`; None for the report in the folder, if there is one.
 
-    Raises
-    ------
-    InvalidFileError
-        If the folder has neither contacts nor a surface nor grasps nor a touch log.
+    Raises `InvalidFileError` if the folder has neither contacts nor a surface nor grasps nor a
+    touch log.
     """
     log = directory / LOG
     run = _unfinished(log) or Run.load(directory)

@@ -61,12 +61,8 @@ class PluggedEstimator:
     def __call__(self, contacts: Contacts, **options: Any) -> ImplicitSurface:
         """Return the surface of contacts.
 
-        Raises
-        ------
-        PluginError
-            If the estimator or its surface raises an error of its own.
-        InvalidOptionError
-            If what is returned is no `ImplicitSurface`.
+        Raises `PluginError` if the estimator or its surface raises an error of its own, and
+        `InvalidOptionError` if what is returned is no `ImplicitSurface`.
         """
         noise = {name: options.get(name) for name in ("position_noise", "normal_noise")}
         contacts = judge_contacts(contacts, **noise).credible
@@ -164,10 +160,7 @@ def find_estimator(
 ) -> Estimator:
     """Return an estimator by its name, or one at ``my.module:Class``.
 
-    Raises
-    ------
-    InvalidOptionError
-        If there is none, or it cannot be called.
+    Raises `InvalidOptionError` if there is none, or it cannot be called.
     """
     found = registry.find(name, option=option)
     if name in registry.builtin:

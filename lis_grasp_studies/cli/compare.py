@@ -59,6 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     from lis_grasp.cli import options as opt
     from lis_grasp_studies.harness.page import add_figures
+    from lis_grasp_studies.harness.program import add_estimator
 
     parser.description = (
         "Run a study: objects x estimators x touches x noise x hands x seeds. Options"
@@ -80,7 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name, text in _FLAGS.items():
         kind = int if name == "touches" else str
         parser.add_argument(f"--{name}", nargs="+", type=kind, metavar=name.upper(), help=text)
-    opt.add_estimator(parser)
+    add_estimator(parser)
     parser.add_argument("--seeds", type=int, metavar="N", help="seeds 0 to N - 1")
     parser.add_argument("--reference", metavar="NAME", help="estimator to compare the others with")
     parser.add_argument(

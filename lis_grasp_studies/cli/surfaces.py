@@ -28,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from lis_grasp.cli import options as opt
     from lis_grasp.pipeline.run_config import RunConfig
     from lis_grasp_studies.harness.page import add_figures
+    from lis_grasp_studies.harness.program import add_estimator
 
     parser.description = (
         "Estimate the surfaces of test objects of five families from even, random, clustered"
@@ -57,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f" {', '.join(_ESTIMATORS)}; poisson needs lis-grasp[baselines]); --estimator keeps these"
         " and adds one",
     )
-    opt.add_estimator(parser)
+    add_estimator(parser)
     parser.add_argument(
         "--subject", metavar="NAME", help="estimator in question (default: the first)"
     )

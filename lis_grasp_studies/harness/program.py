@@ -47,3 +47,14 @@ def read_options(
             options["type"] = type(default)
         parser.add_argument(flag, **options)
     return parser.parse_args(arguments)
+
+
+def add_estimator(parser: argparse.ArgumentParser) -> None:
+    """Add an estimator beside those that a study compares; it may be repeated."""
+    parser.add_argument(
+        "--estimator",
+        action="append",
+        metavar="NAME",
+        help="an estimator to add to those compared, such as your own as my.module:Class; may be"
+        " repeated",
+    )
