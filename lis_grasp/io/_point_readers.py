@@ -67,7 +67,8 @@ def positional(path: Path, rows: Sequence[Sequence[str]]) -> Columns:
     except ValueError:
         others = np.empty((len(rows), 0))
     if others.shape[1] == len(NORMAL):
-        lengths = np.linalg.norm(others, axis=1)
+        with np.errstate(over="ignore"):
+            lengths = np.linalg.norm(others, axis=1)
         known = lengths[np.isfinite(lengths) & (lengths > 0.0)]
         if len(known) and (np.abs(known - 1.0) < _UNIT_TOLERANCE).all():
             note(f"{path}: columns 4 to 6 have length 1, and are read as normals")

@@ -103,15 +103,6 @@ def _child(
     return child
 
 
-def _add_drake_contact(parent: ElementTree.Element, friction: float, *, in_text: bool) -> None:
-    """Add Drake's properties of contact: Coulomb friction, and rigid hydroelastic."""
-    properties = _child(parent, "drake:proximity_properties")
-    _child(properties, "drake:rigid_hydroelastic")
-    for name in ("drake:mu_static", "drake:mu_dynamic"):
-        value = _numbers(friction)
-        _child(properties, name, value) if in_text else _child(properties, name, value=value)
-
-
 def _urdf(model: ObjectModel) -> ElementTree.Element:
     robot = ElementTree.Element("robot", {"name": model.name, "xmlns:drake": _DRAKE})
     link = _child(robot, "link", name=model.name)
@@ -124,7 +115,10 @@ def _urdf(model: ObjectModel) -> ElementTree.Element:
         collision = _child(link, "collision", name=Path(file).stem)
         mesh = _child(_child(collision, "geometry"), "mesh", filename=file)
         _child(mesh, "drake:declare_convex")
-        _add_drake_contact(collision, model.friction, in_text=False)
+        properties = _child(collision, "drake:proximity_properties")
+        _child(properties, "drake:rigid_hydroelastic")
+        for name in ("drake:mu_static", "drake:mu_dynamic"):
+            _child(properties, name, value=_numbers(model.friction))
     return robot
 
 
@@ -147,7 +141,8 @@ def _sdf(model: ObjectModel) -> ElementTree.Element:
         ode = _child(_child(_child(collision, "surface"), "friction"), "ode")
         for name in ("mu", "mu2"):
             _child(ode, name, _numbers(model.friction))
-        _add_drake_contact(collision, model.friction, in_text=True)
+        # Drake takes the friction of ode, and warns if it is given twice.
+        _child(_child(collision, "drake:proximity_properties"), "drake:rigid_hydroelastic")
     return sdf
 
 

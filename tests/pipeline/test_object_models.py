@@ -25,7 +25,9 @@ def box() -> ObjectModel:
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_drake_reads_mass_inertia_and_parts(name: str, box: ObjectModel, tmp_path: Path) -> None:
+def test_drake_reads_mass_inertia_and_parts(
+    name: str, box: ObjectModel, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     from pydrake.geometry import SceneGraph
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import MultibodyPlant
@@ -48,7 +50,12 @@ def test_drake_reads_mass_inertia_and_parts(name: str, box: ObjectModel, tmp_pat
     assert len(collisions) == len(box.parts) + (name == "mjcf" and len(collisions) > 1)
     assert len(plant.GetVisualGeometriesForBody(body)) >= 1
     properties = [scene.model_inspector().GetProximityProperties(part) for part in collisions]
-    assert all(each.HasGroup("hydroelastic") for each in properties) or name == "mjcf"
+    if name == "mjcf":
+        return
+    assert all(each.HasGroup("hydroelastic") for each in properties)
+    frictions = [each.GetProperty("material", "coulomb_friction") for each in properties]
+    assert [each.static_friction() for each in frictions] == len(frictions) * [0.7]
+    assert not caplog.records
 
 
 def test_a_convex_object_is_one_part_and_a_hollow_one_keeps_its_hole() -> None:
