@@ -22,6 +22,7 @@ from lis_grasp.robots.model_uri import resolve_uri
 from lis_grasp.typing import FloatArray
 
 _WORLD = 0  # MuJoCo's number of the world body
+_LEAST_TURN = 0.1  # [rad] of the joint of a hand that turns most; less is in another unit
 
 
 def parse_mjcf(path: Path) -> yourdfpy.Robot:
@@ -46,7 +47,10 @@ def parse_mjcf(path: Path) -> yourdfpy.Robot:
         if missing := re.search(r"opening file '([^']+)'", reason):
             resolve_uri(missing[1], path.parent, path.name)  # names a file in other letters
         raise InvalidFileError(f"MuJoCo cannot read {path}: {reason}", path=path) from None
-    return _Reader(model, path).robot()
+    try:
+        return _Reader(model, path).robot()
+    except InvalidHandError as error:
+        raise InvalidHandError(f"{path.name}: {error}", file=path.name) from None
 
 
 class _Reader:
@@ -56,6 +60,18 @@ class _Reader:
         self._m, self._path = model, path
         self._root, self._bodies = self._hand()
         self._couplings = Couplings(model, self._bodies)
+        turns = [
+            float(np.ptp(model.jnt_range[j]))
+            for j in self._couplings.efforts
+            if model.jnt_limited[j] and kind_of("Joint", model.jnt_type[j]) == "hinge"
+        ]
+        if 0.0 < max(turns, default=0.0) < _LEAST_TURN:
+            least, widest = np.degrees([_LEAST_TURN, max(turns)])
+            raise InvalidHandError(
+                f"the widest range of a hinge must be {least:.0f} degrees or more; it is"
+                f" {widest:.2g}: in an MJCF, ranges are in degrees unless it has"
+                ' <compiler angle="radian"/>'
+            )
 
     def robot(self) -> yourdfpy.Robot:
         links, joints = [], []

@@ -172,6 +172,7 @@ def test_a_hand_fixed_to_the_world_by_several_joints_has_the_world_as_base(
             "closes a",
         ),
         (".1 .7 0 0 0", ".1 .7 .2 0 0", "must be linear"),
+        ('range="-20 80"', 'range="-.35 1.4"', "it is 1.8: in an MJCF, ranges are in degrees"),
         ('class="finger"', 'class="toe"', "MuJoCo cannot read"),
         ('<mesh name="wedge" ', '<mesh name="wedge" file="Wedge.STL" ', "there is .*wedge.stl"),
         ("odd", "<", "not valid XML"),
