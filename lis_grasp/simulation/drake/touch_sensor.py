@@ -17,6 +17,7 @@ from pydrake.systems.framework import Context, EventStatus, InputPort, LeafSyste
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration.probe_motions import TRANSIT_SPEED
+from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
@@ -81,8 +82,8 @@ class TouchSensor(LeafSystem):
     seed
         Seed of the noise.
     space
-        The object's place and size in E. Balls of free space that the hand sweeps there are
-        recorded; None for none.
+        The object's place and size in E, or the region that contains it. Balls of free space that
+        the hand sweeps there are recorded; None for none.
     period
         Time between samples [s]; None for the plant's time step, and inf for no record.
 
@@ -116,7 +117,7 @@ class TouchSensor(LeafSystem):
         spacing: float | None = None,
         noise: TactileSensor | None = None,
         seed: int = 0,
-        space: Workspace | None = None,
+        space: Workspace | Region | None = None,
         period: float | None = None,
     ) -> None:
         super().__init__()
@@ -208,7 +209,8 @@ class TouchSensor(LeafSystem):
         every, X_EW = self._poses.Eval(context), inverse_pose(self._X_WE(context))
         X_EL = X_EW @ np.array([every[body].GetAsMatrix4() for body in self._bodies])
         centers = apply_pose(X_EL[self._owners], self._balls[:, None, :3])[:, 0]
-        return _updated(state, record, record.looked_at(centers, self._balls[:, 3], self._space))
+        space = self._space.grown(record.contacts)
+        return _updated(state, record, record.looked_at(centers, self._balls[:, 3], space))
 
     def _listens(self, context: Context) -> bool:
         return not self._enable.HasValue(context) or self._enable.Eval(context)[0] != 0.0
