@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import trimesh
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform
@@ -56,6 +57,9 @@ class GraspPlanner(LeafSystem):
         Largest number of sampled contact sets.
     station
         The arm, as a `Station` with its base in E, in whose reach grasps have to be; None for none.
+    obstacles
+        What is around the object, an open or closed mesh in E [m], which the hand does not hit;
+        None for none.
     meshcat
         Draws the grasps when they are planned, the best one opaque; None for no drawing.
     path
@@ -84,13 +88,14 @@ class GraspPlanner(LeafSystem):
         seed: int = 0,
         candidates: int = CANDIDATES,
         station: Reach | None = None,
+        obstacles: trimesh.Trimesh | None = None,
         meshcat: Meshcat | None = None,
         path: str = "lis_grasp/grasps",
     ) -> None:
         super().__init__()
         self._hand, self._table, self._count, self._seed = hand.hand, table, count, seed
         self._sampler = ForceClosureSampler(
-            hand.hand, prior, candidates=candidates, station=station
+            hand.hand, prior, candidates=candidates, station=station, obstacles=obstacles
         )
         self._X_WE, self._actuated = X_WE or RigidTransform(), hand.actuated
         self._drawing = None if meshcat is None else Drawing(meshcat, path, self._X_WE)
