@@ -112,3 +112,20 @@ def test_the_uncertainty_covers_the_difference_of_the_processes_and_is_never_zer
     least = 0.0003 * max(np.linalg.norm(a - b) for a in contacts.points for b in contacts.points)
     expected = np.sqrt(surface.free.uncertainty(points) ** 2 + (0.35 * apart) ** 2 + least**2)
     np.testing.assert_allclose(surface.uncertainty(points), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("estimate", [SmoothImplicitSurface, BlendedImplicitSurface])
+def test_a_plate_touched_on_both_sides_keeps_its_thickness(estimate: type) -> None:
+    thickness = 0.004
+    places = np.random.default_rng(3).uniform(-1.0, 1.0, (30, 2)) * (0.05, 0.04)
+    sides = np.where(np.arange(30) % 2, 1.0, -1.0)
+    normals = np.column_stack([np.zeros((30, 2)), sides])
+    contacts = Contacts(np.column_stack([places, 0.5 * thickness * sides]), normals)
+    surface = estimate.from_contacts(contacts)
+    across = np.linspace(-thickness, thickness, 81)
+    inner = places[np.abs(places).max(axis=1) < 0.035]  # the plate's rim was not touched
+    columns = np.empty((len(inner), len(across), 3))
+    columns[..., :2], columns[..., 2] = inner[:, None], across
+    found = (surface.evaluate(columns) < 0.0).mean(axis=1) * 2.0 * thickness
+    # One step of the ray, 2.5 % of the thickness, at either side.
+    np.testing.assert_allclose(found, thickness, rtol=0.05)
