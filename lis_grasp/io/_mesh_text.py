@@ -28,6 +28,7 @@ _STL_VERTEX = re.compile(rb"\bvertex\s+(\S{1,40})\s+(\S{1,40})\s+(\S{1,40})(?!\S
 _STL_EXPONENT = re.compile(rb"(\d)d([-+]?\d)", re.IGNORECASE)  # Fortran writes 1.0D-02
 _STL_FACET = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)
 _STL_ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_STL_NAMED = 1000  # bytes in which the first facet of a text comes
 _STL_START = 84  # bytes before the first triangle, the last four of them the count
 
 
@@ -120,7 +121,7 @@ def read_stl(path: Path) -> Triangles:
     (count,) = struct.unpack_from("<I", content, _STL_START - 4) if len(content) >= 84 else (0,)
     held = (len(content) - _STL_START) // _STL_ROW.itemsize
     is_exact = len(content) == _STL_START + _STL_ROW.itemsize * count
-    if b"\0" not in content and not is_exact:
+    if not is_exact and (b"\0" not in content or _STL_FACET.search(content[:_STL_NAMED])):
         corners = _corners_in_text(content)
     elif held < 0 or count > held or (count == 0 and held > 0):
         raise ValueError(f"it announces {count} triangles, and has bytes for {max(held, 0)}")

@@ -197,6 +197,7 @@ def test_a_binary_stl_must_have_as_many_triangles_as_it_announces(
         (b"e-02", b"D-02"),
         (b"\n", b"\r\n"),
         (b"endsolid", b""),
+        (b"endsolid", b"\0\0endsolid"),
     ],
 )
 def test_texts_of_stl_are_read_whatever_wrote_them(old: bytes, new: bytes, tmp_path: Path) -> None:
