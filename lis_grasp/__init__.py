@@ -1,7 +1,7 @@
 """Tactile exploration, implicit surface estimation and grasp planning for unknown objects.
 
 The public names, loaded on first use so that `import lis_grasp` costs next to nothing. None of
-them needs Drake; what does is in `lis_grasp.simulation`.
+them needs Drake; what does is in `lis_grasp.simulation` and `lis_grasp.drake`.
 """
 
 import sys

@@ -131,7 +131,6 @@ class OwnDiagram:
             import trimesh
 
             add_table(plant, 0.0, under=trimesh.creation.box([0.2] * 3))
-            plant.SetDefaultFloatingBaseBodyPose(self.body, X_WO)
         else:
             plant.WeldFrames(plant.world_frame(), self.body.body_frame(), X_WO)
         plant.Finalize()
@@ -178,6 +177,9 @@ class OwnDiagram:
         root = simulator.get_mutable_context()
         context = self.plant.GetMyMutableContextFromRoot(root)
         self.plant.SetFreeBodyPose(context, self.in_plant.base, self.home)
+        if self.free:
+            X_WO = self.X_WE @ RigidTransform(list(self.center))
+            self.plant.SetFreeBodyPose(context, self.body, X_WO)
         postures = self.in_plant.hand.probe_postures.values()
         self.in_plant.set_joint_positions(context, next(iter(postures)).joint_positions)
         self.simulator = simulator

@@ -40,7 +40,7 @@ def fixed_hand(hand: Hand) -> tuple[Any, Any, Any, HandInPlant]:
 
 def test_the_mass_matrix_is_that_of_the_urdf_parsed_by_drake(hand: Hand) -> None:
     _, plant, _, added = fixed_hand(hand)
-    parsed = MultibodyPlant(0.0)
+    parsed = MultibodyPlant(TIME_STEP)  # motors with gains are for discrete plants
     Parser(parsed).AddModels(str(model_path(f"hands/{hand.name}/{hand.name}.urdf")))
     base = parsed.GetBodyByName(hand.base_link).body_frame()
     parsed.WeldFrames(parsed.world_frame(), base)
