@@ -98,7 +98,7 @@ def draw(path: Path) -> None:
 
 def main() -> None:
     options = read_options(
-        __doc__, folder=Path, seed=2026, fits=False, part=1, development=False, jobs=1, picture=""
+        __doc__, folder=Path, seed=2027, fits=False, part=1, development=False, jobs=1, picture=""
     )
     if options.picture:
         draw(Path(options.picture))

@@ -16,7 +16,7 @@ SOUND, FLIPPED, WRONG_NORMAL, STRAY = range(4)
 
 # Log odds from which a normal is turned, more of noisy normals [1/rad], and of few contacts. From
 # which a contact is left out, if there are not few.
-_TURN, _TURN_NOISY, _TURN_FEW, _LEAVE_OUT = 8.0, 16.0, 4.0, 4.4
+_TURN, _TURN_NOISY, _TURN_FEW, _LEAVE_OUT = 8.0, 16.0, 4.0, 6.5
 _FEW = 20
 # It is lower once normals were turned: by this factor times the logarithm of their number plus 1.
 _FOUND = 2.0
@@ -70,8 +70,11 @@ class _Search:
     def run(self) -> None:
         """Turn or leave out what contradicts most, again and again."""
         self._run_each()
-        turned = np.mean(self.verdicts == FLIPPED)
-        if max(turned, self._doubtful) > _SEVERAL and self._turn_together(turned):
+        turned = float(np.mean(self.verdicts == FLIPPED))
+        # Of few contacts, one that is turned is no sign of several.
+        many = len(self.verdicts) >= _FEW
+        several = max(turned, self._doubtful if many else 0.0) > _SEVERAL
+        if several and turned * len(self.verdicts) != 1.0 and self._turn_together(turned):
             self._run_each()
 
     def _run_each(self) -> None:
