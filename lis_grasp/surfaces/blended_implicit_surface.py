@@ -97,7 +97,7 @@ class BlendedImplicitSurface:
             of_sharp = log_errors(_predict_left_out(sharp, folds), normals, places)
             smoother = SmoothImplicitSurface.beside(bound, prepared)
             of_smoother = log_errors(smoother.leave_groups_out(folds), normals, places)
-            if (of_smoother - of_sharp).mean() < _NO_WEIGHT:  # no object with edges
+            if _overall(of_smoother - of_sharp) < _NO_WEIGHT:  # no object with edges
                 smooth, log_ratios = smoother, of_smoother - of_sharp
             else:
                 of_smooth = log_errors(bound.leave_groups_out(folds), normals, places)
@@ -185,10 +185,7 @@ class BlendedImplicitSurface:
         np.exp(weights, out=weights)
         sums = np.stack([np.ones_like(self.log_ratios), self.log_ratios]) @ weights  # (2, P)
         total = sums[0] + _PRIOR_PLACES
-        count, deviation = len(self.log_ratios), float(self.log_ratios.std())
-        overall = float(self.log_ratios.sum()) / (count + _PRIOR_PLACES)
-        overall -= _CAUTION * deviation / np.sqrt(count)
-        return (sums[1] + _PRIOR_PLACES * overall) / total, weights, total
+        return (sums[1] + _PRIOR_PLACES * _overall(self.log_ratios)) / total, weights, total
 
     def _evidence_and_slopes(self, points: FloatArray) -> FloatArray:
         """Return the evidence and its gradient at points, shape (P, 4)."""
@@ -196,6 +193,13 @@ class BlendedImplicitSurface:
         pulls = (weights / total * (self.log_ratios[:, None] - evidence)).T
         towards = pulls @ self.places - pulls.sum(axis=1)[:, None] * points
         return np.column_stack([evidence, towards / (_SIGMA * self.spacing) ** 2])
+
+
+def _overall(log_ratios: FloatArray) -> float:
+    """Return the evidence of all places for patches, (M,), less half a standard error."""
+    count, deviation = len(log_ratios), float(log_ratios.std())
+    mean = float(log_ratios.sum()) / (count + _PRIOR_PLACES)
+    return mean - _CAUTION * deviation / float(np.sqrt(count))
 
 
 def _predict_left_out(
