@@ -35,7 +35,7 @@ def drake_plant(name: str) -> Any:
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import MultibodyPlant
 
-    plant = MultibodyPlant(0.0)
+    plant = MultibodyPlant(1e-3)
     Parser(plant).AddModels(str(model_path(f"hands/{name}/{name}.urdf")))
     plant.Finalize()
     return plant
