@@ -24,7 +24,7 @@ shutil.copytree(
     ignore=shutil.ignore_patterns(".ipynb_checkpoints"),
 )
 
-WORDS = 51_500
+WORDS = 54_000
 logger = logging.getLogger(__name__)
 
 project = "lis_grasp"
