@@ -1,8 +1,8 @@
 """Cost of explorations, and what is known after so many touches: coverage, ends and errors.
 
-    python benchmarks/bench_exploration.py --cost --objects mallet --touches 40 160 320
-    python benchmarks/bench_exploration.py --objects gear --seeds 3 --touches 100 200 500
-    python benchmarks/bench_exploration.py --objects hammer pen --policies spread extent
+    python benchmarks/bench_exploration.py mallet --cost --touches 40 160 320
+    python benchmarks/bench_exploration.py gear --seeds 3 --touches 100 200 500
+    python benchmarks/bench_exploration.py hammer pen --policies spread cover --touches 10 20
 
 Touches are made by geometry alone, of fixed objects of which nothing is known: in a stable pose in
 a region of a table, with a realistic sensor. `--cost` runs `lis-grasp explore` in a process of its
@@ -136,7 +136,7 @@ QUALITY: list[Column] = [
 
 
 def main() -> None:
-    lists = {"objects": ["mallet"], "policies": ["spread"], "touches": [40, 160, 320]}
+    lists = {"objects": ["mallet"], "policies": ["cover"], "touches": [40, 160, 320]}
     numbers = {"seeds": 1, "first_seed": 0, "jobs": 1}
     options = read_options(
         __doc__, cost=False, **lists, **numbers, output=Path("results/exploration")

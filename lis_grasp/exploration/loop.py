@@ -318,9 +318,12 @@ def choose(
 def _without_strays(
     setup: ExplorationSetup, state: ExplorationState, outcome: ProbeOutcome
 ) -> ExplorationState:
-    """Return the state after an outcome, without the strays among the contacts before it."""
+    """Return the state after an outcome, without the strays among the contacts before it.
+
+    They are looked for when the surface is estimated anew.
+    """
     after = _added(setup, state, outcome)
-    if setup.find_strays is None or outcome.lost or len(after.contacts) <= len(state.contacts):
+    if setup.find_strays is None or outcome.lost or not after.is_new:
         return after
     strays = setup.find_strays(after.contacts)
     points = after.contacts.points[strays[strays < len(state.contacts)]]

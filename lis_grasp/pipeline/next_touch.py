@@ -22,6 +22,7 @@ from lis_grasp.exploration import (
     begin,
     choose,
 )
+from lis_grasp.exploration.loop import sought_ends
 from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.stages import exploration_rng, exploration_setup
 from lis_grasp.probing.approach_planner import NO_FREE_APPROACH, Approach, ApproachPlanner
@@ -43,6 +44,7 @@ class NextTouch:
     distance: float | None  #: from the target to the nearest contact [m]; None without contacts
     deviation: float | None  #: of the estimate at the target [m]; None without contacts
     blocked: int  #: probes before it that no finger could approach
+    sought: str = ""  #: ends of the object that are not found yet, in words
 
     def __repr__(self) -> str:
         return f"NextTouch({self.approach.posture.finger}, {self.why()})"
@@ -50,6 +52,7 @@ class NextTouch:
     def why(self) -> str:
         """Return the reason in words."""
         passed = f"; {self.blocked} others cannot be approached" if self.blocked else ""
+        passed += f"; not found yet: {self.sought}" if self.sought else ""
         if self.distance is None or self.deviation is None:
             return f"there are no contacts yet{passed}"
         return (
@@ -201,7 +204,10 @@ def next_touch_after(known: Known, setup: ExplorationSetup, state: ExplorationSt
             if state.estimated is not None:
                 distance = float(np.linalg.norm(so_far.points - probe.target, axis=1).min())
                 deviation = float(state.estimated.uncertainty(probe.target[None])[0])
-            return NextTouch(probe, approach, str(known.policy), distance, deviation, blocked)
+            sought = sought_ends(setup, state)
+            return NextTouch(
+                probe, approach, str(known.policy), distance, deviation, blocked, sought
+            )
         state = advance(setup, state, ProbeOutcome(probe, "blocked", reason=NO_FREE_APPROACH))
         blocked += 1
     raise EstimationError(

@@ -50,7 +50,7 @@ def test_the_next_touch_is_that_of_the_exploration(policy: str) -> None:
     placed = {"pose": "stable", "region": (0.3, 0.3, 0.3), "policy": policy, "seed": 1}
     config = pipeline.RunConfig("box", prober="kinematic", estimator="gpis", touches=12, **placed)
     scenario = pipeline.Scenario.from_config(config)
-    outcomes = pipeline.touch(scenario).outcomes
+    outcomes, sought = pipeline.touch(scenario).outcomes, []
     for made in range(len(outcomes)):
         touch = next_touch(scenario.known, Contacts.empty(), outcomes[:made])
         following = outcomes[made + touch.blocked]
@@ -58,6 +58,10 @@ def test_the_next_touch_is_that_of_the_exploration(policy: str) -> None:
         for name in ("target", "direction", "start", "end"):
             expected = getattr(following.probe, name)
             np.testing.assert_array_equal(getattr(touch.probe, name), expected)
+        assert touch.sought in touch.why()
+        sought.append(touch.sought)
+    assert sought[0] == sought[-1] == ""  # before the first contact, and after the ends are found
+    assert any(sought)
 
 
 def test_what_was_before_a_loss_does_not_count(explored: Exploration) -> None:
