@@ -243,6 +243,12 @@ def test_what_a_hand_in_a_plant_lacks_is_named() -> None:
     left = add_hand(plant, "wsg50", name="left", parent=plant.world_frame())
     with pytest.raises(InvalidOptionError, match=r"lacks link palm, .* and \d+ more"):
         add_hand(plant, "allegro", instance=left.instance)
+    urdf = model_path("hands/wsg50/wsg50.urdf").read_text(encoding="utf-8")
+    (bare,) = Parser(plant).AddModelsFromString(
+        urdf.replace("<drake:compliant_hydroelastic/>", ""), "urdf"
+    )
+    with pytest.warns(UserWarning, match=r"links body, .* of 'wsg50' have no hydroelastic"):
+        add_hand(plant, "wsg50", instance=bare)
 
 
 def test_of_two_hands_in_one_plant_only_the_one_that_touches_feels() -> None:

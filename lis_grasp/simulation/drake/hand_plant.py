@@ -32,6 +32,7 @@ LIFTING_SKIN = 1e7
 
 _STIFFNESS = {"revolute": 5.0, "prismatic": 5_000.0}  # [N m/rad], [N/m]
 _DAMPING = {"revolute": 0.1, "prismatic": 50.0}  # [N m s/rad], [N s/m]
+_COMPLIANCE = ("hydroelastic", "compliance_type")  # Drake's name of the property
 _NAMED = 4  # of the parts that a found hand lacks, so many are named
 
 
@@ -175,9 +176,7 @@ def find_hand(plant: MultibodyPlant, hand: Hand, instance: ModelInstanceIndex) -
     lacks += [f"actuator of {n}" for n in hand.joint_names if n not in driven]
     others = [n for n in driven if n not in hand.joint_names]
     if lacks or others:
-        more = f" and {len(lacks) - _NAMED} more" if len(lacks) > _NAMED else ""
-        named = f"lacks {', '.join(lacks[:_NAMED])}{more}"
-        wrong = named if lacks else f"also drives {', '.join(others)}"
+        wrong = f"lacks {_some(lacks)}" if lacks else f"also drives {_some(others)}"
         raise InvalidOptionError(
             f"model instance '{name}' must be hand {hand.name} with its motors; it {wrong}: correct"
             " the description file, or let add_hand add the hand",
@@ -199,17 +198,24 @@ def find_hand(plant: MultibodyPlant, hand: Hand, instance: ModelInstanceIndex) -
     if scene_graph is not None:
         inspector = scene_graph.model_inspector()
         hard = {
-            link
+            link: None
             for geometry, link in link_of_geometry.items()
-            if not inspector.GetProximityProperties(geometry).HasGroup("hydroelastic")
+            if not inspector.GetProximityProperties(geometry).HasProperty(*_COMPLIANCE)
         }
         if hard:
             warn(
-                f"links {', '.join(sorted(hard))} of '{name}' have no hydroelastic properties: they"
-                " feel by point contact, which takes meshes for their convex hulls",
-                stacklevel=2,
+                f"links {_some(list(hard))} of '{name}' have no hydroelastic properties: they feel"
+                " by point contact, which takes meshes for their convex hulls. Give them"
+                " drake:compliant_hydroelastic in their file, or let add_hand add the hand",
+                stacklevel=3,
             )
     return HandInPlant(hand, links, link_of_geometry)
+
+
+def _some(names: list[str]) -> str:
+    """Return the first names, and how many there are more."""
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return ", ".join(names[:_NAMED]) + more
 
 
 def _driven_joints(plant: MultibodyPlant, instance: ModelInstanceIndex) -> list[str]:
