@@ -17,8 +17,8 @@ from lis_grasp.typing import FloatArray
 
 # Of the pads [rad]; those of a gripper whose faces turn must be about parallel when they touch.
 _HALF_ANGLE, _TURNING_HALF_ANGLE = 0.3, 0.15
-# Of a jaw, and of the fixed one that it closes on, which is laid flat on the object [rad].
-_MOVING_HALF_ANGLE, _FIXED_HALF_ANGLE = 0.4, 0.05
+# Of a fixed jaw, which is laid flat on the object [rad].
+_FIXED_HALF_ANGLE = 0.05
 # A face counts as that of a gripper within these angles: to the other pad, and over itself [rad].
 _FACING, _FLAT = 0.7, 0.1
 _LEVEL = 0.0015  # of a face's corners [m]
@@ -43,7 +43,7 @@ def fit_flat_pads(model: RobotModel, fingers: Sequence[Finger]) -> tuple[Pad, ..
     pads = [flat_pad(*each) for each in zip(fingers, towards, outwards, strict=True)]
     pads = _opposed(pads, poses)
     if any(not finger.motors for finger in fingers):  # the wrist lays the fixed jaw flat
-        angles = [_MOVING_HALF_ANGLE if finger.motors else _FIXED_HALF_ANGLE for finger in fingers]
+        angles = [_TURNING_HALF_ANGLE if finger.motors else _FIXED_HALF_ANGLE for finger in fingers]
     else:
         angles = [_TURNING_HALF_ANGLE if gripper.turns(pads) else _HALF_ANGLE] * 2
     return tuple(replace(p, half_angle=angle) for p, angle in zip(pads, angles, strict=True))
