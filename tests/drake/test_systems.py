@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -196,7 +197,7 @@ def test_a_grasp_is_a_cost_and_a_pose_and_infinite_without_a_mesh() -> None:
         assert planner.plan.Eval(context) is search
 
 
-def test_meshcat_shows_contacts_and_estimate_drawn_once() -> None:
+def test_meshcat_shows_contacts_estimate_and_grasps_drawn_once_from_its_thread() -> None:
     meshcat = Meshcat()
     estimator = SurfaceEstimator("gpis", meshcat=meshcat, path="own/estimate", replay=True)
     context = estimator.CreateDefaultContext()
@@ -208,8 +209,23 @@ def test_meshcat_shows_contacts_and_estimate_drawn_once() -> None:
     assert [meshcat.HasPath(f"own/estimate/{n}/contacts") for n in (1, 2, 3)] == [True, True, False]
     assert meshcat.HasPath("own/estimate/2/mesh")
     meshcat.PublishRecording()
-    page = meshcat.StaticHtml()
-    assert len(page) > 100_000
+    assert len(meshcat.StaticHtml()) > 100_000
+    # Another thread, in which Meshcat would end the program, draws nothing.
+    estimator.get_input_port().FixValue(context, SIX[:5])
+    thread = Thread(target=estimator.ForcedPublish, args=[context])
+    thread.start()
+    thread.join()
+    assert not meshcat.HasPath("own/estimate/3")
+    plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.002)
+    hand = add_hand(plant, "wsg50")
+    plant.Finalize()
+    planner = GraspPlanner(hand, count=2, candidates=100, meshcat=meshcat, path="own/grasps")
+    of_planner = planner.CreateDefaultContext()
+    estimator.get_input_port().FixValue(context, SIX)
+    planner.get_input_port().FixValue(of_planner, estimator.estimate.Eval(context))
+    count = len(planner.plan.Eval(of_planner))
+    drawn = [meshcat.HasPath(f"own/grasps/1/{k}") for k in range(3)]
+    assert drawn == [True] * count + [False] * (3 - count)
 
 
 @pytest.mark.parametrize("name", HAND_NAMES)
