@@ -89,19 +89,16 @@ class BlendedImplicitSurface:
         sharp = PatchImplicitSurface.from_contacts(prepared)
         with_noise = prepared.with_noise(sharp.position_noise, sharp.normal_noise)
         bound = GaussianProcessImplicitSurface.from_contacts(with_noise)
-        smooth: Smooth = bound
+        smooth: Smooth = SmoothImplicitSurface.beside(bound, prepared)
         places, normals = prepared.places, sharp.normals
         log_ratios = np.zeros(len(places.nodes))
         if len(places.nodes) >= _LEAST_PLACES:
             folds = (np.arange(len(places.nodes)) % _FOLDS)[places.place]
             of_sharp = log_errors(_predict_left_out(sharp, folds), normals, places)
-            smoother = SmoothImplicitSurface.beside(bound, prepared)
-            of_smoother = log_errors(smoother.leave_groups_out(folds), normals, places)
-            if _overall(of_smoother - of_sharp) < _NO_WEIGHT:  # no object with edges
-                smooth, log_ratios = smoother, of_smoother - of_sharp
-            else:
-                of_smooth = log_errors(bound.leave_groups_out(folds), normals, places)
-                log_ratios = of_smooth - of_sharp
+            log_ratios = log_errors(smooth.leave_groups_out(folds), normals, places) - of_sharp
+            if _overall(log_ratios) >= _NO_WEIGHT:  # an object with edges
+                smooth = bound
+                log_ratios = log_errors(bound.leave_groups_out(folds), normals, places) - of_sharp
         return cls(sharp, smooth, sharp.points[places.nodes], log_ratios)
 
     @property
