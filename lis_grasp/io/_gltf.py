@@ -57,7 +57,9 @@ def require_readable_gltf(path: Path) -> int:
     except CycleError:
         raise InvalidFileError(f"{path} has a node inside of itself", path=path) from None
     except (AttributeError, LookupError, TypeError):
-        raise InvalidFileError(f"{path} must follow glTF 2.0; it does not", path=path) from None
+        raise InvalidFileError(
+            f"{path} must follow glTF 2.0; it does not: export it again", path=path
+        ) from None
     for file in files:
         if not os.path.isfile(file):
             raise InvalidFileError(f"{path} needs the file {file}, which is missing", path=path)
@@ -69,14 +71,21 @@ def _gltf_header(path: Path) -> Any:
     with path.open("rb") as file:
         if path.suffix.lower() == ".gltf":
             require_file_size(path, _MOST_TEXT)
-            return json.load(file)
+            return _json(file.read())
         start = file.read(_GLB.size)
         magic, _, size, length, kind = _GLB.unpack(start.ljust(_GLB.size, b"\0"))
         if magic != b"glTF" or kind != b"JSON":
             raise ValueError("it has no header of GLB 2")
         if size > path.stat().st_size:
             raise ValueError(f"it announces {size} bytes, and has {path.stat().st_size}")
-        return json.loads(file.read(min(length, _MOST_TEXT)))
+        return _json(file.read(min(length, _MOST_TEXT)))
+
+
+def _json(text: bytes) -> Any:
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"it is no JSON, or cut off: {error}") from None
 
 
 def _gltf_elements(header: Mapping[str, Any], counts: Sequence[int]) -> int:

@@ -71,8 +71,10 @@ def read_3mf(path: Path) -> tuple[FloatArray, IntArray, float]:
                 raise ValueError(f"it has components inside of themselves, or over {_MOST_USES}")
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in placed)])
     faces = [f + start for (_, f), start in zip(placed, starts[:-1], strict=True)]
-    metres = _UNITS_3MF[root.get("unit", "millimeter")]
-    return np.concatenate([v for v, _ in placed]), np.concatenate(faces), metres
+    unit = root.get("unit", "millimeter")
+    if unit not in _UNITS_3MF:
+        raise ValueError(f"it states the unit {unit}, which 3MF does not have")
+    return np.concatenate([v for v, _ in placed]), np.concatenate(faces), _UNITS_3MF[unit]
 
 
 def _parsed(text: bytes) -> Element:
@@ -81,6 +83,8 @@ def _parsed(text: bytes) -> Element:
         root: Element = ElementTree.fromstring(text)
     except DefusedXmlException:
         raise ValueError("it declares entities, which are not read") from None
+    except ElementTree.ParseError as error:
+        raise ValueError(f"it is no XML, or cut off: {error}") from None
     return root
 
 

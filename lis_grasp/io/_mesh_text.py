@@ -16,9 +16,14 @@ Triangles = tuple[FloatArray, IntArray]
 
 # Of OBJ: a line of a face but of three corners, all v, v/vt, v//vn or v/vt/vn, from the start of
 # the file; a line that goes on in the next; another separator than blanks.
-_OBJ_PLAIN = rb"f(?:(?: +\d+){3}|(?: +\d+/\d*){3}|(?: +\d+//\d*){3}|(?: +\d+/\d+/\d*){3})"
+_OBJ_PLAIN = rb"f(?:(?: +N){3}|(?: +N/(?:N)?){3}|(?: +N//(?:N)?){3}|(?: +N/N/(?:N)?){3})".replace(
+    b"N", rb"[1-9]\d*"
+)
 _OBJ_ODD = re.compile(
     rb"^(?=[ \t]*f[ \t])(?!" + _OBJ_PLAIN + rb" *\r?$)|\\[ \t]*\r?$|^[ \t]*v[nt]?\t", re.MULTILINE
+)
+_OBJ_WORDS = re.compile(
+    rb"^[ \t]*v[ \t](?![-+.\deinaf \t]*(?:#.*|\\[ \t]*)?$).*", re.MULTILINE | re.IGNORECASE
 )
 _OBJ_FACE = re.compile(rb"^f ", re.MULTILINE)
 _INTEGER = re.compile(r"[-+]?\d{1,18}")
@@ -27,6 +32,7 @@ _STL_NAME = re.compile(rb"^[ \t]*(?:end)?solid\b[^\r\n]*", re.IGNORECASE | re.MU
 _STL_VERTEX = re.compile(rb"\bvertex\s+(\S{1,40})\s+(\S{1,40})\s+(\S{1,40})(?!\S)", re.IGNORECASE)
 _STL_EXPONENT = re.compile(rb"(\d)d([-+]?\d)", re.IGNORECASE)  # Fortran writes 1.0D-02
 _STL_FACET = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)
+_STL_FACET_END = re.compile(rb"\bend\s*facet\b", re.IGNORECASE)
 _STL_ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _STL_NAMED = 1000  # bytes in which the first facet of a text comes
 _STL_START = 84  # bytes before the first triangle, the last four of them the count
@@ -37,9 +43,15 @@ def plain_obj(content: bytes) -> tuple[bytes, int]:
 
     These are triangles, each with corners of one form and indices from the start of the file. A
     relative index counts from the vertex before its line, wherever the groups are. Raises
-    ValueError if an index is out of range, or a face crosses itself.
+    ValueError if it is binary, a vertex is not of numbers, an index is out of range, or a face
+    crosses itself.
     """
+    if b"\0" in content:
+        raise ValueError("it is binary, and OBJ is text")
     content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if odd := _OBJ_WORDS.search(content):
+        line = odd[0].decode("utf-8", "replace").strip()[:60]
+        raise ValueError(f"the line '{line}' is a vertex that is not of numbers")
     if _OBJ_ODD.search(content):
         content = _rewritten_obj(content)
     return content, len(_OBJ_FACE.findall(content))
@@ -80,7 +92,9 @@ def _absolute(corner: str, counts: dict[str, int]) -> list[str]:
             index += counts[name] + 1
             if index <= 0:
                 raise ValueError(f"the face corner {corner} counts back beyond the first {name}")
-        indices.append(str(index) if text else "")
+        if text and index == 0 and name == "v":
+            raise ValueError(f"the face corner {corner} has the index 0, and OBJ counts from 1")
+        indices.append(str(index) if index else "")
     return indices
 
 
@@ -123,7 +137,9 @@ def read_stl(path: Path) -> Triangles:
     is_exact = len(content) == _STL_START + _STL_ROW.itemsize * count
     if not is_exact and (b"\0" not in content or _STL_FACET.search(content[:_STL_NAMED])):
         corners = _corners_in_text(content)
-    elif held < 0 or count > held or (count == 0 and held > 0):
+    elif len(content) < _STL_START:
+        raise ValueError(f"it has {len(content)} bytes, fewer than the start of a binary STL")
+    elif count > held or (count == 0 and held > 0):
         raise ValueError(f"it announces {count} triangles, and has bytes for {max(held, 0)}")
     else:  # bytes after the last triangle are of other programs
         rows = np.frombuffer(content, _STL_ROW, count, _STL_START)
@@ -132,9 +148,15 @@ def read_stl(path: Path) -> Triangles:
 
 
 def _corners_in_text(content: bytes) -> FloatArray:
+    begins = _STL_NAME.search(content) is not None
     content = _STL_NAME.sub(b"", content)  # the name may have any words
     found = _STL_VERTEX.findall(_STL_EXPONENT.sub(rb"\1E\2", content))
-    facets = len(_STL_FACET.findall(content))
+    starts = [match.start() for match in _STL_FACET.finditer(content)]
+    facets = len(starts)
+    if not begins and not facets:
+        raise ValueError("it is text without facets")
+    if starts and _STL_FACET_END.search(content) and not _STL_FACET_END.search(content, starts[-1]):
+        raise ValueError(f"it is cut off within facet {facets}")
     if len(found) != 3 * facets:
         raise ValueError(f"it has {facets} facets and {len(found)} vertices, not three for each")
     return np.array(found).astype(np.float64).reshape(-1, 3)

@@ -45,6 +45,8 @@ from lis_grasp.typing import FloatArray
 
 _FINGERS = "fingers "
 _TEXTS = (".xyz", ".xyzn", ".pts", ".txt")  # of numbers without names
+_MESHES = (".obj", ".stl", ".gltf", ".glb", ".3mf", ".dae")  # that are no points
+_SCANS = (".las", ".laz", ".e57")
 POINT_FORMATS = (".ply", ".csv", ".pcd", ".npy", ".npz", ".off", *_TEXTS)
 """Endings of the files of points that can be read."""
 
@@ -84,9 +86,14 @@ def _read_fields(path: Path) -> dict[str, Any]:
         case ".csv":
             return _load_csv(path)
         case ending if ending not in POINT_FORMATS:
+            advice = "write points as columns x,y,z of a .csv"
+            if ending in _MESHES:
+                advice += f"; if it is a mesh, `lis-grasp grasp {path}` plans on it"
+            elif ending in _SCANS:
+                advice = "save it as .ply by CloudCompare"
             raise InvalidFileError(
-                f"files of points end in one of {', '.join(POINT_FORMATS)}; {path} does not: write"
-                f" points as columns x,y,z of a .csv; `lis-grasp grasp {path}` plans on a mesh",
+                f"files of points end in one of {', '.join(POINT_FORMATS)}; {path} does not:"
+                f" {advice}",
                 path=path,
             )
         case ending if ending in _TEXTS and _has_names(path):

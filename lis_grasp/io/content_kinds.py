@@ -30,6 +30,8 @@ _KINDS = tuple(
         (rb"\xff\xfe|\xfe\xff", "UTF-16 text: save it as UTF-8"),
         (rb"ISO-10303-21", "a STEP file: export it as STL from a CAD program such as FreeCAD"),
         (rb"glTF", "a binary glTF: name it .glb"),
+        (rb"\{[^\0]*\"(asset|accessors|buffers)\"", "a glTF of text: name it .gltf"),
+        (rb"(mtllib|v\s+[-+.\d]+)\s", "an OBJ file: name it .obj"),
         (rb"ply\s", "a PLY file: name it .ply"),
         (rb"(ST)?C?N?OFF\s", "an OFF file: name it .off"),
         (rb"solid\b[^\0]*\sfacet\s", "an STL file: name it .stl"),

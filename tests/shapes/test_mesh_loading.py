@@ -399,6 +399,16 @@ def test_scans_come_out_closed_and_hardly_changed() -> None:
             b"OFF\n3 1 0\n0 0 0\n.1 0 0\n0 .1 0\n3 0 1 7\n",
             "vertices it lacks|cannot be read",
         ),
+        ("part.obj", b"v 0 0 0\nv .1 0 0\nv 0 .1 0\nf 0 1 2\n", "index 0, and OBJ counts from 1"),
+        ("part.obj", b"v 0 0 zero\nv .1 0 0\nv 0 .1 0\nf 1 2 3\n", "'v 0 0 zero' is a vertex that"),
+        ("part.obj", b"\0" * 84, "it is binary"),
+        ("part.obj", b"v 0 0 0\nv .1 0 0\n", "has no faces.*or its points as .ply"),
+        ("part.stl", b"\0" * 60, "has 60 bytes, fewer than the start"),
+        ("part.stl", b"print(1)\n", "text without facets"),
+        ("part.stl", b"# of a program\nv 0 0 0\n", "is an OBJ file: name it .obj"),
+        ("part.glb", b'{"asset": {"version": "2.0"}}', "a glTF of text: name it .gltf"),
+        ("part.gltf", b'{"asset"', "no JSON, or cut off"),
+        ("part.dae", b"<COLLADA><asset>", "no XML, or cut off"),
     ],
 )
 def test_a_file_without_a_surface_is_refused(
@@ -410,6 +420,15 @@ def test_a_file_without_a_surface_is_refused(
         shapes.load(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("last", ["endloop", "vertex"])
+def test_a_text_of_stl_that_is_cut_off_in_a_facet_is_refused(tmp_path: Path, last: str) -> None:
+    text = trimesh.exchange.stl.export_stl_ascii(block())
+    path = tmp_path / "cut.stl"
+    path.write_text(text[: text.index(last, len(text) // 2) + 5])
+    with pytest.raises(InvalidFileError, match="cut off within facet|not three for each"):
+        shapes.load(path)
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
