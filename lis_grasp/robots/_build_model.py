@@ -190,14 +190,17 @@ class _Builder:
 
     def _ordered_joints(self) -> tuple[Joint, ...]:
         """Return the joints, a parent before its children, otherwise in the file's order."""
+        if not self._links:
+            raise InvalidHandError("there must be links; there are none")
+        for joint in self._joints:
+            self._check(joint)
         children = [joint.child for joint in self._joints]
         roots = [name for name in self._links if name not in children]
         if len(roots) != 1 or len(set(children)) != len(children):
             raise InvalidHandError(
-                f"the links must form one tree; links without a parent: {', '.join(roots) or '-'}"
+                f"the links must form one tree; links without a parent:"
+                f" {', '.join(roots) or 'none, as they form a loop'}"
             )
-        for joint in self._joints:
-            self._check(joint)
         if not self._actuated:
             raise InvalidHandError("there must be movable joints; there are none")
         ordered: list[Joint] = []

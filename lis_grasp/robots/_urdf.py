@@ -45,6 +45,10 @@ def parse_urdf(root: ET.Element, path: Path) -> yourdfpy.Robot:
     # On descriptions of another structure yourdfpy raises errors of a dozen built-in types.
     except Exception as error:  # noqa: BLE001
         reason = " ".join(str(error).split()) or type(error).__name__
+        if found := re.search("string to float: '(.*)'", reason):
+            reason = (
+                f"'{found[1]}' is no number: write numbers with a decimal point, and blanks between"
+            )
         message = f"{path.name} is not a URDF that can be read: {reason}"
         raise InvalidHandError(message, file=path.name) from None
     return urdf.robot
@@ -149,6 +153,8 @@ def _reason(text: bytes, error: str) -> str:
     except UnicodeDecodeError:
         if b"encoding" not in text[:_START]:
             return f"its letters are not in UTF-8: save it as UTF-8 ({error})"
+    if "no element found" in error or "unclosed" in error:
+        return f"it is cut off: download or export it again ({error})"
     return error
 
 

@@ -126,6 +126,11 @@ def test_a_description_is_known_by_its_content(name: str, text: str, tmp_path: P
         (urdf(limit='<limit lower="0" effort="1"/>'), "upper limit; the file gives one of them"),
         (urdf(limit='<limit lower="0" upper="1"/>'), "effort above 0; the file gives none"),
         (urdf(body=BOX.format(height=60)), r"the longest body .* 'base' with 60 m.* scale 0\.001"),
+        (urdf(limit=LIMIT.replace("0.04", "0,04")), "'0,04' is no number: .* decimal point"),
+        (urdf()[:300], "it is cut off: download or export it again"),
+        ("<robot name='grip'/>", "there must be links; there are none"),
+        (urdf().replace('child link="left_tip"', 'child link="tip"'), "'left' joins 'tip', which"),
+        (urdf().replace('parent link="base"', 'parent link="left_tip"'), "base, right_tip|loop"),
         (urdf(x=6.0), "'left' must be within 3 m of its parent link; it is 6 m away"),
     ],
 )
