@@ -24,7 +24,7 @@ PLACE = ObjectPlace(center=(0.0, 0.0, 0.0), size=0.12, support=float(BOX.bounds[
 
 
 def _service(folder: Path, **known: Any) -> TouchService:
-    config = RunConfig(hand="wsg50", estimator="gpis")
+    config = RunConfig(hand="wsg50", estimator="gpis", policy="spread")
     log = TouchLog(folder / "touches.jsonl", {"hand": "wsg50", "estimator": "gpis"})
     return TouchService(config, Hand.load("wsg50"), known.pop("place", PLACE), folder, log, **known)
 
@@ -50,7 +50,8 @@ def test_each_touch_is_that_of_the_command_with_the_log(tmp_path: Path) -> None:
         touch = service.answer({"request": "next", **_feel(touch)})
         outcomes = load_outcomes(tmp_path / "touches.jsonl")
         space = PLACE.space(Contacts.empty())
-        known = Known.for_hand(RunConfig(estimator="gpis"), hand, space, 0.0)
+        config = RunConfig(estimator="gpis", policy="spread")
+        known = Known.for_hand(config, hand, space, 0.0)
         alone = next_touch(known, Contacts.empty(), outcomes).facts(hand)
         assert {name: touch[name] for name in alone} == alone
         assert service.answer({"request": "next"}) == touch  # asked again, it is the same
