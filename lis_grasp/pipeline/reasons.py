@@ -49,9 +49,9 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         "no_surface_for_a_finger": "opposite the thumb's contact, the surface is narrower than the"
         " other fingers are apart: take a larger object, or bring these fingers closer together in"
         " the pregrasps of the hand's YAML",
-        "no_flat_supported_surface": "no touched and flat part of the estimate is large and high"
-        " enough for a pad: turn the object so that more of it is above the table, or make"
-        " more touches (`touches`)",
+        "no_flat_supported_surface": "no flat part of the surface is large and high enough for a"
+        " pad, and touched if it is an estimate: turn the object so that more of it is above the"
+        " table, or make more touches (`touches`) for an estimate",
         "no_force_closure": "the contacts could not resist every force: raise `friction`, or make"
         " more touches (`touches`)",
         "out_of_reach": "a finger does not get to its contact: the object is too wide or too narrow"
