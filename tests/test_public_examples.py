@@ -22,10 +22,16 @@ def _marked(name: str) -> object:
     return pytest.param(name, marks=pytest.mark.slow if name in _SLOW else ())
 
 
+# Packages of extras.
+_NEEDED = {"pipeline.label_file": "pyarrow"}
+
+
 @pytest.mark.parametrize("name", [_marked(name) for name in _NAMES if name not in _VALUES])
 def test_the_example_of_a_public_name_runs(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    if name in _NEEDED:
+        pytest.importorskip(_NEEDED[name])
     monkeypatch.chdir(tmp_path)
     public = {name: getattr(lis_grasp, name) for name in lis_grasp.__all__}
     axes = np.vstack([np.eye(3), -np.eye(3)])

@@ -16,7 +16,7 @@ SOUND, FLIPPED, WRONG_NORMAL, STRAY = range(4)
 
 # Log odds from which a normal is turned, more of noisy normals [1/rad], and of few contacts. From
 # which a contact is left out, if there are not few.
-_TURN, _TURN_NOISY, _TURN_FEW, _LEAVE_OUT = 8.0, 16.0, 4.0, 6.5
+_TURN, _TURN_NOISY, _TURN_FEW, _LEAVE_OUT = 8.0, 16.0, 4.0, 8.0
 _FEW = 20
 # It is lower once normals were turned: by this factor times the logarithm of their number plus 1.
 _FOUND = 2.0
@@ -32,7 +32,7 @@ _MOST_BAD = 0.4
 _SHRUNK = 0.75
 # All signs are chosen together if this fraction is turned, or may be flipped at these log odds, and
 # if that decreases the energy by so much for each normal more that it turns.
-_SEVERAL, _DOUBTFUL, _GAIN = 0.05, 3.0, 5.0
+_SEVERAL, _DOUBTFUL, _GAIN = 0.05, 5.0, 5.0
 
 
 def find_contradictions(

@@ -40,6 +40,8 @@ _CODES: dict[Verdict, int] = {
 }
 # Rows of a sentence: more are counted only.
 _MOST_NAMED = 8
+# Fraction of the contacts that a viewpoint need not see.
+_MOST_UNSEEN = 0.15
 # Distance between a contact and a mean of another normal, in extents.
 _SAME_NORMAL = 0.01
 
@@ -193,7 +195,7 @@ def orient_normals(
     EstimationError
         If the contacts do not show the signs: others are about as likely.
     InvalidContactsError
-        If the viewpoint is not one place or one for each contact.
+        If the viewpoint is not one place or one for each contact, or cannot see many of them.
 
     Examples
     --------
@@ -201,6 +203,8 @@ def orient_normals(
     >>> bool(((oriented.points[:, 2] < 1.0) == 1).all())
     True
     """
+    noise = np.nan_to_num(noise_of(contacts, position_noise, normal_noise))
+    likeliest, margin = likeliest_signs(contacts, *noise)
     if viewpoint is not None:
         places = np.asarray(viewpoint, dtype=np.float64)
         if places.shape not in ((3,), contacts.points.shape) or not np.isfinite(places).all():
@@ -211,9 +215,16 @@ def orient_normals(
             )
         towards = np.sum((places - contacts.points) * contacts.normals, axis=1)
         signs = np.where(towards < 0.0, -1.0, 1.0)
+        inward = int(np.count_nonzero(signs != likeliest))
+        if margin >= LEAST_MARGIN and inward > _MOST_UNSEEN * len(contacts):
+            raise InvalidContactsError(
+                f"viewpoint must see the contacts: towards it, {inward} of {len(contacts)} normals"
+                " point into the object, whose far sides are not seen from there. Let the contacts"
+                " show the signs (`normals` unsigned), or give the viewpoint of each contact",
+                field="viewpoint",
+            )
     else:
-        noise = np.nan_to_num(noise_of(contacts, position_noise, normal_noise))
-        signs, margin = likeliest_signs(contacts, *noise)
+        signs = likeliest
         if margin < LEAST_MARGIN:
             raise EstimationError(
                 "the contacts do not show on which side of each normal is outside: other sides are"

@@ -95,6 +95,7 @@ CASES: tuple[ContactCase, ...] = (
     ContactCase("random", 80, level=4, given=True),
     ContactCase("random", 80, level=4),
     ContactCase("random_targets", 30),
+    ContactCase("cover", 20),
 )
 """Every case, in a fixed order: append new ones, for which shapes meet a case depends on it."""
 

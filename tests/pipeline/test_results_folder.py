@@ -237,6 +237,7 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
         "friction": 0.7,
         "grasps": 11,
         "obstacles": "shelf.stl",
+        "keep_all": True,
         "attempts": 4,
         "simulator": "mujoco",
         "arm": "iiwa14",

@@ -220,7 +220,7 @@ def test_every_estimator_has_a_colour_of_its_own() -> None:
     colours = [rgba(colour)[:3] for colour in own]
     apart = np.linalg.norm(np.array(colours)[:, None] - colours, axis=2) + np.eye(len(colours))
     assert apart.min() > 0.15  # of the cube's side of 1
-    assert len(own) == 11
+    assert len(own) == 12
     assert estimator_colour("someone_elses") == QUIET
     assert estimator_label("someone_elses") == "someone_elses"
 

@@ -10,7 +10,11 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError, TooManyBadContactsError
+from lis_grasp.exceptions import (
+    EstimationError,
+    InvalidContactsError,
+    TooManyBadContactsError,
+)
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.surfaces import (
     BlendedImplicitSurface,
@@ -172,3 +176,13 @@ def test_free_space_shows_the_sides_of_two_sheets() -> None:
     assert with_space.rows("flipped").tolist() == [4]
     assert with_space.log_odds[4] > without.log_odds[4] + 5.0
     assert not judge_contacts(contacts).bad.any()
+
+
+def test_one_viewpoint_cannot_see_all_sides_of_an_object() -> None:
+    contacts = touched(BOX, 60)
+    with pytest.raises(InvalidContactsError, match="viewpoint must see the contacts"):
+        orient_normals(contacts, viewpoint=[0.0, 0.0, 1.0])
+    seen = contacts[np.flatnonzero(contacts.normals @ [0.48, 0.6, 0.64] > 0.1)]
+    towards = np.array([0.48, 0.6, 0.64])
+    inward = replace(seen, normals=-seen.normals)
+    np.testing.assert_array_equal(orient_normals(inward, viewpoint=towards).normals, seen.normals)
