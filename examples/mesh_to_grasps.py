@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from lis_grasp import ForceClosureSampler, Hand, pipeline, shapes
+from lis_grasp import ForceClosureSampler, Hand, shapes
 
 
 def write_bracket(path: Path) -> None:
@@ -34,7 +34,7 @@ def main() -> None:
     search = ForceClosureSampler(Hand.load("wsg50"), friction=0.6).sample(
         bracket.mesh,
         rng=np.random.default_rng(0),
-        support_height=pipeline.support_height(bracket),
+        support_height=bracket.mesh.bounds[0, 2],
         count=5,
     )
     print(f"{len(search.grasps)} grasps of {search.candidates} candidates")

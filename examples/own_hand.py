@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from lis_grasp import ForceClosureSampler, Hand, pipeline, shapes
+from lis_grasp import ForceClosureSampler, Hand, shapes
 from lis_grasp.robots.shipped_models import model_path
 
 
@@ -43,7 +43,7 @@ def main() -> None:
     search = ForceClosureSampler(hand, friction=0.8).sample(
         box.mesh,
         rng=np.random.default_rng(0),
-        support_height=pipeline.support_height(box),
+        support_height=box.mesh.bounds[0, 2],
         count=3,
     )
     print(f"{len(search.grasps)} grasps on a box of {1e3 * box.size:.0f} mm")

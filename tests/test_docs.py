@@ -48,7 +48,7 @@ def _run_page(path: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> i
     space: dict[str, object] = {"__name__": path.stem}
     ran, before = 0, ""
     for language, name, text in _BLOCK.findall(path.read_text(encoding="utf-8")):
-        if language == "text" and before == "sh":
+        if language == "text" and before == "sh" and not name:
             printed = _without_numbers(capsys.readouterr().out).splitlines()
             for line in _without_numbers(text).splitlines():
                 assert line in printed, f"{path}: no command prints {line!r}"

@@ -28,6 +28,9 @@ NOISE = ("position_noise", "normal_noise")
 OF_CONTACTS = ("turned", "left_out", "doubt_log_odds", "warnings")
 """Facts in the headers of surfaces of what the contacts are worth, if there is anything to say."""
 
+# Fewer contacts show hardly more than position and size: a run plans no grasp on them either.
+_FEW = 10
+
 PLANNED_WITH = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "obstacles", "seed")
 """Options that a plan of grasps depends on."""
 
@@ -44,6 +47,12 @@ def write_surface(
     Its header has the verdicts on bad contacts, by their rows, and the warnings of the estimate.
     """
     verdicts, warnings = known.judge(contacts), list(recorded.get("warnings") or ())
+    if len(contacts) < _FEW:
+        warnings.append(
+            f"fewer than {_FEW} contacts show little more than position and size of an object, and"
+            " the standard deviation is too small"
+        )
+        progress.say(f"warning: {warnings[-1]}")
     credible = verdicts.credible
     if verdicts.bad.any():
         warnings.append(verdicts.sentence())

@@ -48,8 +48,6 @@ from lis_grasp.typing import FloatArray
 _COMPARED = ("points", "normals", *NOISE)
 _LIFTED_WITH = ("object", "size", "units", "up", "arm", "base", "mass", "friction", "simulator")
 _WARNING = "warning: "
-# Fewer contacts show hardly more than position and size: a run plans no grasp on them either.
-_FEW = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -365,11 +363,6 @@ def _findings(contacts: Contacts, paths: Sequence[Path], *, checked: bool) -> It
         yield (
             f"{_WARNING}{100 * doubt:.0f} % of the contacts are in front of another: if the"
             " estimate is inside out, give `normals` inward"
-        )
-    if len(contacts) < _FEW:
-        yield (
-            f"{_WARNING}fewer than {_FEW} contacts show little more than position and size of an"
-            " object, and the standard deviation is too small"
         )
 
 
