@@ -55,7 +55,7 @@ _STRAY = (11.6, 6.6, -5.1, -2.2)
 # Prediction errors have this many medians where contacts are sound.
 _LARGEST_ERROR = 6.0
 # Log odds of a stray inside of free space, and at (0, 0, 0) exactly: an empty row, unless it fits.
-_INSIDE, _EMPTY = 6.0, 13.0
+_INSIDE, _EMPTY = 6.0, 14.5
 
 
 # More contacts are judged in groups of at most so many; fewer say too little about each other.
