@@ -18,7 +18,7 @@ from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
 from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
 from lis_grasp.pipeline import Perception
 from lis_grasp.robots.hand import Hand
-from lis_grasp.simulation.drake.hand_plant import HandInPlant
+from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
 from lis_grasp.typing import FloatArray
 
 _BEST, _OTHER = (0.1, 0.6, 0.25, 1.0), (0.3, 0.5, 0.9, 0.25)  # colours
@@ -93,6 +93,7 @@ class GraspPlanner(LeafSystem):
         path: str = "lis_grasp/grasps",
     ) -> None:
         super().__init__()
+        require_in_plant("GraspPlanner", hand)
         self._hand, self._table, self._count, self._seed = hand.hand, table, count, seed
         self._sampler = ForceClosureSampler(
             hand.hand, prior, candidates=candidates, station=station, obstacles=obstacles

@@ -42,7 +42,7 @@ from lis_grasp.pipeline.stages import make_policy
 from lis_grasp.probing.guarded_motion import AT_TABLE
 from lis_grasp.probing.probe_planner import ProbePlanner
 from lis_grasp.records import Record
-from lis_grasp.simulation.drake.hand_plant import HandInPlant
+from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
@@ -154,6 +154,13 @@ class HapticExplorer(LeafSystem):
         period: float = 0.01,
     ) -> None:
         super().__init__()
+        require_in_plant("HapticExplorer", hand)
+        if not isinstance(space, Workspace | Region):
+            raise InvalidOptionError(
+                "HapticExplorer needs the object's Workspace, or the Region that holds it; it has"
+                f" a {type(space).__name__}",
+                option="space",
+            )
         require_positive(probe_speed=probe_speed, period=period)
         X_WE = X_WE or RigidTransform()
         sensor, self._seed, self._X_WE = noise or TactileSensor(), seed, X_WE.GetAsMatrix4()

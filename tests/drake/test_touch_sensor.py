@@ -200,6 +200,12 @@ def test_a_wrong_plant_or_nothing_to_feel_is_refused_in_one_sentence() -> None:
         TouchSensor(open_plant, scene.hand)
     with pytest.raises(InvalidOptionError, match="nothing to feel"):
         TouchSensor(scene.plant, scene.hand, feels=[])
+    other = open_plant.world_body()
+    for wrong in ({"feels": other}, {"feels": [other]}, {"frame": other}):
+        with pytest.raises(InvalidOptionError, match="bodies of its plant"):
+            TouchSensor(scene.plant, scene.hand, **wrong)
+    with pytest.raises(InvalidOptionError, match="which add_hand returns; it has a str"):
+        TouchSensor(scene.plant, "wsg50")
 
 
 def test_a_missing_input_is_named_by_drake() -> None:

@@ -95,6 +95,10 @@ class HandInPlant:
         several hands by an ``ExternallyAppliedSpatialForceMultiplexer``.
         """
         plant = self.base.GetParentPlant()
+        if not plant.is_finalized():
+            raise InvalidOptionError(
+                "a wrist needs a finalized plant: call plant.Finalize() first", option="builder"
+            )
         wrist: PdWrist = builder.AddSystem(PdWrist(self.base.index(), self.hand.mass))
         for name in ("body_poses", "body_spatial_velocities"):
             builder.Connect(plant.GetOutputPort(name), wrist.GetInputPort(name))
@@ -107,6 +111,16 @@ class HandInPlant:
     def X_WH(self, plant_context: Context) -> FloatArray:
         """Return the pose of the palm, shape (4, 4)."""
         return self.X_WL(plant_context, self.hand.base_link) @ self.hand.X_LH
+
+
+def require_in_plant(system: str, hand: object) -> None:
+    """Raise `InvalidOptionError` if a system is not given what `add_hand` returns."""
+    if not isinstance(hand, HandInPlant):
+        raise InvalidOptionError(
+            f"{system} needs the hand in the plant, which add_hand returns; it has a"
+            f" {type(hand).__name__}",
+            option="hand",
+        )
 
 
 def add_hand(

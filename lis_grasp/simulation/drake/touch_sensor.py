@@ -31,7 +31,7 @@ from lis_grasp.simulation.drake.contact_patches import (
     contacts_of,
     link_contacts,
 )
-from lis_grasp.simulation.drake.hand_plant import HandInPlant
+from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
 from lis_grasp.typing import FloatArray, IndexArray
 
 # Between looks at the hand's poses for free space [s].
@@ -125,10 +125,13 @@ class TouchSensor(LeafSystem):
             raise InvalidOptionError(
                 "TouchSensor needs a finalized plant: call plant.Finalize() first", option="plant"
             )
+        require_in_plant("TouchSensor", hand)
         if hand.base.GetParentPlant() is not plant:
             raise InvalidOptionError(
                 "TouchSensor needs a hand of its plant: this one is in another", option="hand"
             )
+        if frame is not None:
+            _require_of_plant(plant, frame, "frame")
         self._felt_geometries = _geometries(plant, hand, feels)
         if not self._felt_geometries:
             raise InvalidOptionError(
@@ -264,6 +267,14 @@ def _updated(state: State, before: TouchRecord, after: TouchRecord) -> EventStat
     return EventStatus.Succeeded()
 
 
+def _require_of_plant(plant: MultibodyPlant, body: RigidBody, option: str) -> None:
+    if body.GetParentPlant() is not plant:
+        raise InvalidOptionError(
+            f"TouchSensor needs bodies of its plant: {option} has {body.name()} of another",
+            option=option,
+        )
+
+
 def _geometries(
     plant: MultibodyPlant,
     hand: HandInPlant,
@@ -271,6 +282,8 @@ def _geometries(
 ) -> set[GeometryId]:
     """Return the collision geometries that are felt."""
     bodies: list[RigidBody] = []
+    if isinstance(feels, RigidBody | ModelInstanceIndex):
+        feels = [feels]
     if feels is None:
         instances = [ModelInstanceIndex(i) for i in range(plant.num_model_instances())]
         feels = [instance for instance in instances if instance != hand.instance]
@@ -278,6 +291,7 @@ def _geometries(
         if isinstance(felt, ModelInstanceIndex):
             bodies += map(plant.get_body, plant.GetBodyIndices(felt))
         else:
+            _require_of_plant(plant, felt, "feels")
             bodies.append(felt)
     of_hand = hand.link_of_geometry
     return {
