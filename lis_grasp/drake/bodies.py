@@ -10,6 +10,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, ModelInstanceIndex, RigidBody
 
+from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, default_mass, find
 from lis_grasp.shapes.object_mass import USUAL_FRICTION
@@ -82,6 +83,7 @@ def add_hand(
     found = hand if isinstance(hand, Hand) else Hand.load(hand)
     if instance is not None:
         return hand_plant.find_hand(plant, found, instance)
+    _require_open(plant, name)
     added = hand_plant.add_hand(
         plant, found, name=name, gains=gains, friction=friction, modulus=modulus
     )
@@ -139,7 +141,24 @@ def add_object(
     shape = obj if isinstance(obj, Shape) else find(str(obj), units=units)
     mass = default_mass(shape.mesh) if mass is None else mass
     flat = merge_flat_faces(shape.mesh)
+    _require_open(plant, name)
     body = object_plant.add_object(plant, flat, mass=mass, friction=friction, name=name).body
     look = Mesh(in_memory(shape.mesh, name))
     plant.RegisterVisualGeometry(body, RigidTransform(), look, f"{name}_visual", _WOOD)
     return body
+
+
+def _require_open(plant: MultibodyPlant, name: str) -> None:
+    """Raise `InvalidOptionError` unless a model instance of a name can be added to a plant."""
+    if not plant.geometry_source_is_registered():
+        raise InvalidOptionError(
+            "the plant needs a SceneGraph: make both by AddMultibodyPlantSceneGraph", option="plant"
+        )
+    if plant.is_finalized():
+        raise InvalidOptionError(
+            f"'{name}' must be added before plant.Finalize(), which was called", option="plant"
+        )
+    if plant.HasModelInstanceNamed(name):
+        raise InvalidOptionError(
+            f"the plant has a model instance '{name}': give another `name`", option="name"
+        )

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from pydrake.geometry import Meshcat, Role
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
@@ -311,3 +311,15 @@ def test_what_is_added_is_seen_and_ready_for_contact() -> None:
     links = list(hand.link_of_geometry)
     assert all(inspector.CollisionFiltered(links[0], other) for other in links[1:])
     assert inspector.NumGeometriesWithRole(Role.kIllustration) > len(hand.hand.links) // 2
+
+
+def test_a_plant_to_which_nothing_can_be_added_is_refused_in_one_sentence() -> None:
+    plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.002)
+    add_object(plant, "box")
+    with pytest.raises(InvalidOptionError, match="give another `name`"):
+        add_object(plant, "box")
+    with pytest.raises(InvalidOptionError, match="needs a SceneGraph"):
+        add_hand(MultibodyPlant(0.002), "wsg50")
+    plant.Finalize()
+    with pytest.raises(InvalidOptionError, match="before plant.Finalize"):
+        add_hand(plant, "wsg50")
