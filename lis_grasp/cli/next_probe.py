@@ -17,10 +17,10 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, complain, say
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, shown
-from lis_grasp.exploration import Exploration, ProbeOutcome, TouchLog, load_outcomes
+from lis_grasp.exploration import Exploration, ProbeOutcome, TouchLog
+from lis_grasp.exploration.touch_log import read_log
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.folder_lock import sole_writer
-from lis_grasp.io.json_lines import read_lines
 from lis_grasp.io.request_lines import answer_lines, serve_socket
 from lis_grasp.pipeline.contact_sources import ContactSource, load_source, prior_contacts
 from lis_grasp.pipeline.known import Known
@@ -166,7 +166,7 @@ def _read(
     if path is None:
         return Contacts.empty(), (), {}
     if path.suffix.lower() == ".jsonl":
-        outcomes, recorded = load_outcomes(path), read_lines(path)[0]
+        recorded, outcomes = read_log(path)
         return _cloud(recorded.get("cloud")), outcomes, recorded
     recorded = read_facts(path)
     return load_contacts(path, position_noise=position_noise), (), recorded

@@ -95,7 +95,12 @@ class TouchLog:
 
 
 def load_outcomes(path: Path) -> tuple[ProbeOutcome, ...]:
-    """Read every outcome of a log, ended or not.
+    """Read every outcome of a log, ended or not; errors are those of `read_log`."""
+    return read_log(path)[1]
+
+
+def read_log(path: Path) -> tuple[Row, tuple[ProbeOutcome, ...]]:
+    """Read the header of a log, and every outcome, ended or not.
 
     Raises
     ------
@@ -109,7 +114,7 @@ def load_outcomes(path: Path) -> tuple[ProbeOutcome, ...]:
             f" {'something else' if header else 'missing or empty'}",
             path=path,
         )
-    return _outcomes(path, [row for row in rows if _END not in row])
+    return header, _outcomes(path, [row for row in rows if _END not in row])
 
 
 def _ending(rows: list[Row]) -> str | None:

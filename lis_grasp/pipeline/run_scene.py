@@ -12,8 +12,8 @@ import numpy as np
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
-from lis_grasp.exploration import Exploration, ProbeOutcome, Region, load_outcomes
-from lis_grasp.io.json_lines import read_lines
+from lis_grasp.exploration import Exploration, ProbeOutcome, Region
+from lis_grasp.exploration.touch_log import read_log
 from lis_grasp.io.surface_files import load_growth
 from lis_grasp.pipeline.known import find_obstacles
 from lis_grasp.pipeline.recorded_facts import read_facts
@@ -41,8 +41,8 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
     Raises `InvalidFileError` if the folder has neither contacts nor a surface nor grasps nor a
     touch log.
     """
-    log = directory / LOG
-    run = _unfinished(log) or Run.load(directory)
+    header, outcomes = _recorded(directory / LOG)
+    run = _unfinished(directory, header, outcomes) or Run.load(directory)
     facts, contacts = run.facts, run.contacts
     hand = Hand.load(facts.get("hand", "allegro"))
     content: dict[str, Any] = {"support_height": facts.get("support_height")}
@@ -63,8 +63,7 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
         content["contacts"] = contacts
         file = directory / "contacts.ply"
         made = read_facts(file) if file.exists() else facts
-        if log.exists() and made.get("hand") == facts.get("hand"):
-            outcomes = _outcomes(log)
+        if (directory / LOG).exists() and made.get("hand") == facts.get("hand"):
             content["touches"] = _touches(outcomes, contacts, made, hand)
             content |= _search(outcomes, made)
     rows = [*(facts.get("turned") or ()), *(facts.get("left_out") or ())]
@@ -76,7 +75,7 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
         content["estimate"] = run.mesh
         growth = load_growth(directory, read_facts(directory / "surface.ply"))
         content["growth"] = [(count, mesh) for count, mesh in growth if count < known]
-    elif run.grasps is None and log.exists():
+    elif run.grasps is None and header:
         growth = load_growth(directory, facts)
         content["growth"] = [(count, mesh) for count, mesh in growth if count <= known]
     if run.grasps is not None:
@@ -84,22 +83,22 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
     return Scene(**content)
 
 
-def _unfinished(log: Path) -> Run | None:
+def _unfinished(
+    folder: Path, header: Mapping[str, Any], outcomes: tuple[ProbeOutcome, ...] | None
+) -> Run | None:
     """Return the results of an exploration that has only its log so far; None if there are more."""
-    folder = log.parent
-    if not log.exists() or any((folder / name).exists() for name in SOURCES):
+    if not header or any((folder / name).exists() for name in SOURCES):
         return None
-    outcomes = _outcomes(log) or ()
     contacts = Exploration.replay(outcomes).contacts if outcomes else None
-    return Run(folder, read_lines(log)[0], contacts, None, None, None, None)
+    return Run(folder, header, contacts, None, None, None, None)
 
 
-def _outcomes(log: Path) -> tuple[ProbeOutcome, ...] | None:
-    """Return the recorded outcomes; None for a damaged log: the page is complete without it."""
+def _recorded(log: Path) -> tuple[Mapping[str, Any], tuple[ProbeOutcome, ...] | None]:
+    """Return a log's header and outcomes; {} and None without a sound one: a page needs none."""
     try:
-        return load_outcomes(log)
+        return read_log(log)
     except LisGraspError:
-        return None
+        return {}, None
 
 
 def _search(outcomes: tuple[ProbeOutcome, ...] | None, facts: Mapping[str, Any]) -> dict[str, Any]:
