@@ -55,6 +55,10 @@ def find_yaml_file(
     return None
 
 
+# Of scalars that do not fit their tags.
+_MISFITS = (AttributeError, LookupError, OverflowError, TypeError)
+
+
 def read_yaml(path: Path) -> Any:
     """Return the content of a YAML file of plain values.
 
@@ -65,8 +69,7 @@ def read_yaml(path: Path) -> Any:
         text = path.read_text(encoding="utf-8")
         try:
             return parse_yaml(text)
-        # Scalars that do not fit their tags raise errors of half a dozen built-in types.
-        except (AttributeError, LookupError, OverflowError, TypeError) as error:
+        except _MISFITS as error:
             raise ValueError(f"a value does not fit its tag ({error})") from None
 
 
@@ -75,5 +78,5 @@ def is_plain_text(text: str) -> bool:
     try:
         return bool(text) and yaml.safe_load(f"[{text}]") == [text]
     # Not an error of the caller: text that YAML cannot read, for whatever reason, needs quotes.
-    except Exception:  # noqa: BLE001 - of half a dozen types, as in read_yaml
+    except (*_MISFITS, RecursionError, ValueError, yaml.YAMLError):
         return False
