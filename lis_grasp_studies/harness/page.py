@@ -9,12 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING
 
 from lis_grasp.cli.progress import say
 from lis_grasp.io.atomic_writing import whole_file, write_text
-from lis_grasp_studies.figures.style import pdf_of, png_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #222; margin: 2rem auto; max-width: 62rem;
@@ -43,6 +44,9 @@ class Picture:
     @classmethod
     def of(cls, title: str, caption: str, figure: Figure) -> Picture:
         """Return the picture of a drawn figure."""
+        # The option of the command line needs no matplotlib.
+        from lis_grasp_studies.figures.style import pdf_of, png_of
+
         return cls(title, caption, png_of(figure), pdf_of(figure))
 
     def html(self) -> str:
