@@ -65,8 +65,7 @@ def label_file(
     Parameters
     ----------
     runner
-        Runs the lifts; None for `jobs` processes of this machine. That of a Dask cluster is
-        ``lis_grasp_studies.harness.runner.DaskCluster(address).run``.
+        Runs the lifts, on a cluster for example; None for `jobs` processes of this machine.
 
     Examples
     --------

@@ -136,23 +136,8 @@ def add_hand(
 
     Gravity is compensated. The joints get implicit PD control, and efforts limited by
     `Hand.effort_limits`. Links of the hand do not collide with each other. The plant is not
-    finalized yet.
-
-    Parameters
-    ----------
-    plant
-        The plant, with a SceneGraph.
-    hand
-        The hand.
-    name
-        Name of the model instance: another one for each hand.
-    gains
-        Stiffness and damping of the joints, each (J,) [N m/rad, N m s/rad; or N/m, N s/m]; None for
-        those of probing.
-    friction
-        Coulomb's coefficient of every link.
-    modulus
-        Hydroelastic modulus of the skin [Pa].
+    finalized yet. Arguments are those of `lis_grasp.drake.add_hand`, which also loads, draws and
+    welds the hand.
     """
     links = add_links(plant, hand, plant.AddModelInstance(name))
     stiffness, damping = gains or (
