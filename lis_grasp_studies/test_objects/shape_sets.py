@@ -17,6 +17,7 @@ import numpy as np
 from lis_grasp import shapes
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.shapes import Shape
+from lis_grasp_studies.test_objects import _hard as hard
 from lis_grasp_studies.test_objects import _long as long
 from lis_grasp_studies.test_objects import _mixed as mixed
 from lis_grasp_studies.test_objects import _organic as organic
@@ -102,6 +103,14 @@ _LONG_BUILDS = (
 LONG = tuple(build.__name__ for build in _LONG_BUILDS)
 """Names of long objects that the search for ends is reported on; nothing may be chosen on them."""
 
+_HARD_BUILDS = (
+    *(hard.washer, hard.coaster, hard.scissors, hard.table_knife, hard.fork, hard.saucer),
+    *(hard.perforated_strip, hard.frying_pan, hard.hatchet, hard.jar_lid, hard.trowel, hard.ladle),
+)
+
+HARD = tuple(build.__name__ for build in _HARD_BUILDS)
+"""Names of objects that are hard to hold, for lifts; nothing may be chosen on them."""
+
 _DEVELOPMENT_ONLY = (
     *(simple.l_bracket, simple.stairs, simple.vase, simple.pinched),
     *(organic.lumpy, organic.bean, organic.dumbbell),
@@ -116,6 +125,7 @@ _BUILDERS: Mapping[str, Callable[[], Solid]] = MappingProxyType(
             *(b for some in _EVALUATION.values() for b in some),
             *(thin.clamp, thin.ruler, thin.key, thin.pen),
             *_LONG_BUILDS,
+            *_HARD_BUILDS,
         )
     }
 )
@@ -141,12 +151,12 @@ TEST_OBJECTS = tuple(sorted(_BUILDERS))
 def graspable_shape(name: str, size: float | None = None) -> Shape:
     """Return one of `TEST_OBJECTS` in a size that a hand can grasp.
 
-    `TOOLS` and `LONG` have their own size, others a largest extent of `GRASPABLE_SIZE`; `size` [m]
-    replaces it.
+    `TOOLS`, `LONG` and `HARD` have their own size, others a largest extent of `GRASPABLE_SIZE`;
+    `size` [m] replaces it.
     """
     shape = build_shape(name)
     if size is None:
-        size = shape.size if name in (*TOOLS, *LONG) else GRASPABLE_SIZE
+        size = shape.size if name in (*TOOLS, *LONG, *HARD) else GRASPABLE_SIZE
     factor = size / shape.size
     mesh = shape.mesh.copy()
     mesh.apply_scale(factor)

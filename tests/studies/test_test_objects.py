@@ -11,6 +11,9 @@ from lis_grasp_studies.test_objects.shape_sets import (
     BUILT_IN_SIZES,
     DEVELOPMENT,
     EVALUATION,
+    HARD,
+    LONG,
+    TOOLS,
     build_shape,
     family_of,
 )
@@ -38,6 +41,17 @@ def test_no_evaluation_shape_is_a_rescaled_development_shape() -> None:
         # Rescaled shapes would agree to rounding; tessellation moves moments by less than 0.1 %.
         nearest = np.abs(known / sorted_moments(name) - 1.0).max(axis=1).min()
         assert nearest > 0.005, name
+
+
+def test_objects_that_are_hard_to_hold_are_new_to_all_other_sets() -> None:
+    assert not {*HARD} & {*ALL, *NAMES, *LONG, *TOOLS}
+    assert len(HARD) == 12
+    for name in HARD:
+        mesh = build_shape(name).mesh
+        assert mesh.is_watertight, name
+        assert mesh.body_count == 1, name
+    washer = build_shape("washer").mesh
+    assert washer.volume == pytest.approx(np.pi * (0.035**2 - 0.015**2) * 0.004, rel=0.002)
 
 
 @pytest.mark.parametrize("name", ALL)
