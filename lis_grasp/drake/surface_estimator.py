@@ -57,7 +57,9 @@ class Estimate(Record):
     def mesh(self) -> trimesh.Trimesh | None:
         """The closed mesh of the surface; None where contacts are too few for one."""
         try:
-            return None if self.surface is None else extract_mesh(self.surface)
+            if self.surface is None:
+                return None
+            return extract_mesh(self.surface, touched=self.contacts.points)
         except EstimationError:
             return None
 

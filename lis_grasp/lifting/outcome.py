@@ -24,7 +24,8 @@ Reason = Literal[
     "ejected",  # Closing or squeezing pushed the object out of the hand.
     "not_lifted",  # The hand rose without the object.
     "dropped",  # The object was lost after it had been lifted.
-    "slipped",  # The object is still in the hand but moved or turned too far in it.
+    "slipped",  # The object is still in the hand but moved too far in it.
+    "turned",  # The object is still in the hand and has not slipped, but turned too far in it.
     "diverged",  # The simulation failed.
     "no_arm_motion",  # There is no collision-free path of the arm to the grasp.
     "out_of_arm_reach",  # The arm cannot follow the palm's path within its joint limits.

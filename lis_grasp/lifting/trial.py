@@ -384,5 +384,7 @@ class LiftTrial:
         return self._carried() and not moved
 
     def _failure(self, lost: Reason) -> Reason:
-        """Return "slipped" for an object that is still carried, else `lost`."""
-        return "slipped" if self._carried() else lost
+        """Return "slipped" or "turned" for an object that is still carried, else `lost`."""
+        if not self._carried():
+            return lost
+        return "slipped" if self._slip() >= self._options.largest_slip else "turned"

@@ -26,8 +26,10 @@ LIFT_REASONS: Mapping[str, str] = MappingProxyType(
         " grip; try the next grasps (`best` of the lift), or a smaller `mass`",
         "dropped": "the object was lifted and then lost: try the next grasps"
         " (`best` of the lift), or a smaller `mass`",
-        "slipped": "the object is still in the hand, but moved or turned too far in it: try the"
-        " next grasps (`best` of the lift), or a smaller `mass`",
+        "slipped": "the object is still in the hand, but moved too far in it: try the next grasps"
+        " (`best` of the lift), or a smaller `mass`",
+        "turned": "the object is still in the hand, but turned too far in it: try the next grasps"
+        " (`best` of the lift), or a smaller `mass`",
         "no_arm_motion": "the arm has no collision-free path to the grasp: move its base (`base`)",
         "out_of_arm_reach": "a joint of the arm reached its limit during the motion: move its base"
         " (`base`)",

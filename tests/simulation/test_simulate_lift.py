@@ -177,7 +177,7 @@ def test_an_object_that_turns_too_far_in_the_hand_is_not_held(allegro: Hand) -> 
     strict = lift_box(
         allegro, box_grasp(allegro), options=replace(SHORT, largest_turn=1e-3 * free.turn)
     )
-    assert strict.reason == "slipped"
+    assert strict.reason == "turned"
     assert not strict.lifted
 
 
@@ -197,7 +197,7 @@ def test_an_object_with_next_to_no_friction_is_not_held(wsg50: Hand) -> None:
     grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
     outcome = lift_box(wsg50, grasp, friction=0.02)
     assert not outcome.held
-    assert outcome.reason in ("not_lifted", "slipped", "dropped", "ejected")
+    assert outcome.reason in ("not_lifted", "slipped", "turned", "dropped", "ejected")
 
 
 def test_a_hand_that_hits_the_object_collides_on_approach(allegro: Hand) -> None:
