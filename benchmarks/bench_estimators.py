@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from lis_grasp import Contacts, extract_mesh, shapes
-from lis_grasp.evaluation.surface_samples import sample_mesh
+from lis_grasp.evaluation.surface_error import sample_mesh
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.io.json_lines import Row
 from lis_grasp.surfaces import ESTIMATORS

@@ -22,7 +22,7 @@ import numpy as np
 
 from lis_grasp import Hand, extract_mesh, shapes
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
+from lis_grasp.evaluation.surface_error import sample_mesh, sample_segments
 from lis_grasp.exploration import (
     Exploration,
     ExplorationSetup,

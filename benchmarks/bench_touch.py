@@ -13,7 +13,7 @@ import time
 import numpy as np
 
 from lis_grasp import Hand, pipeline, shapes
-from lis_grasp.evaluation.surface_samples import sample_segments
+from lis_grasp.evaluation.surface_error import sample_segments
 from lis_grasp.exploration import Probe
 from lis_grasp.io.json_lines import Row
 from lis_grasp.probing.kinematic_prober import KinematicProber

@@ -9,6 +9,7 @@ import trimesh
 
 from lis_grasp.arms.collision import StationChecker
 from lis_grasp.arms.station import Station
+from lis_grasp.arms.trajectory import without_repeats
 from lis_grasp.typing import FloatArray
 
 MARGIN = 0.01
@@ -150,7 +151,5 @@ def _shortened(edges: _Edges, path: FloatArray, rng: np.random.Generator) -> Flo
         a = path[i] + (low - ends[i]) / lengths[i] * (path[i + 1] - path[i])
         b = path[j] + (high - ends[j]) / lengths[j] * (path[j + 1] - path[j])
         if edges.free(a, b):
-            path = np.vstack([path[: i + 1], a, b, path[j + 1 :]])
-            moved = np.linalg.norm(np.diff(path, axis=0), axis=1) > 1e-9
-            path = path[np.concatenate([[True], moved])]
+            path = without_repeats(np.vstack([path[: i + 1], a, b, path[j + 1 :]]))
     return path

@@ -25,7 +25,7 @@ from lis_grasp.lifting.wrist_path import minimum_jerk
 from lis_grasp.pipeline.file_stages import recorded_base
 from lis_grasp.pipeline.known import base_at, find_obstacles
 from lis_grasp.pipeline.reasons import rejection_sentence
-from lis_grasp.pipeline.recorded_facts import read_facts
+from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand

@@ -12,7 +12,7 @@ from lis_grasp.cli.progress import PRINTED, Stage, say
 from lis_grasp.exceptions import InvalidFileError, require_at_least
 from lis_grasp.pipeline.file_stages import load_mesh
 from lis_grasp.pipeline.object_models import FORMATS, MARK, VISUAL, ObjectModel
-from lis_grasp.pipeline.recorded_facts import read_facts
+from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes.solids import convex_parts
 

@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.surface_samples import sample_mesh
+from lis_grasp.evaluation.surface_error import sample_mesh
 from lis_grasp.exceptions import require_positive
 from lis_grasp.exploration.targets import gaps
 from lis_grasp.exploration.workspace import STEP_FRACTION

@@ -16,8 +16,8 @@ from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.lifting.trial import AcceptGrasp
 from lis_grasp.pipeline.known import Known, Perception
 from lis_grasp.pipeline.progress import Progress
-from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.regrasp import Stages
+from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.stages import Stopwatch, estimate, plan

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.pipeline.recorded_facts import read_facts
+from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.surfaces import load_contacts
 from lis_grasp.surfaces.contact_loading import NormalSide
 from lis_grasp.surfaces.contact_preparation import thin_contacts, with_noise

@@ -32,9 +32,8 @@ from lis_grasp.pipeline.known import Known, Perception, station_facts
 from lis_grasp.pipeline.lifting_stage import lift_each, require_simulator
 from lis_grasp.pipeline.option import HEIGHT, at_least, checked_value
 from lis_grasp.pipeline.progress import SILENT, Progress
-from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.report_json import lift_facts
-from lis_grasp.pipeline.results_folder import LOG, require_own, result_file
+from lis_grasp.pipeline.results_folder import LOG, read_facts, require_own, result_file
 from lis_grasp.pipeline.run_config import RunConfig, require_used
 from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.worker_pool import process_count

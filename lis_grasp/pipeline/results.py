@@ -17,7 +17,7 @@ from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import Motion
 from lis_grasp.pipeline.known import Perception
-from lis_grasp.pipeline.recorded_facts import read_facts
+from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import estimate
 from lis_grasp.records import short_repr

@@ -1,4 +1,4 @@
-"""Folders of results: default names, and removal of outdated files."""
+"""Folders of results: default names, removal of outdated files, and facts in files' headers."""
 
 from __future__ import annotations
 
@@ -7,15 +7,63 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from filecmp import cmp
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, get_args, get_type_hints
+
+from pydantic import Field, create_model
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
+from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import read_lines
+from lis_grasp.io.schemas import Count, FileRecord, Number, Pose, Vector, checked
 from lis_grasp.pipeline.conditions import KNOWN, UNKNOWN
 from lis_grasp.pipeline.progress import SILENT, Progress
-from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
+
+# Types in files of the types in a configuration.
+_IN_FILES: dict[Any, Any] = {
+    str: Annotated[str, Field(min_length=1)],
+    float: Number,
+    int: Count,
+    bool: bool,
+    tuple[float, ...]: Vector,
+}
+
+
+def _in_file(hint: Any) -> Any:
+    """Return the type in a file; null is permitted where None is."""
+    kinds = get_args(hint) if type(None) in get_args(hint) else (hint,)
+    kind = next(_IN_FILES[kind] for kind in kinds if kind is not type(None))
+    return kind | None if len(kinds) > 1 else kind
+
+
+# Only types are checked, and each fact may be absent. Ranges are checked where a fact is used.
+RecordedFacts = create_model(  # type: ignore[call-overload]
+    "RecordedFacts",
+    __base__=FileRecord,
+    version=(str | None, None),
+    support_height=(Number, None),
+    warnings=(list[str] | None, None),
+    **dict.fromkeys(("turned", "left_out"), (list[Count] | None, None)),
+    doubt_log_odds=(list[Number] | None, None),
+    **dict.fromkeys(("X_WO", "X_EO", "X_EA", "X_FB"), (Pose | None, None)),
+    **{name: (_in_file(hint), None) for name, hint in get_type_hints(RunConfig).items()},
+)
+"""Facts by name: those of a configuration, the support, and the poses of object and arm."""
+
+
+def read_facts(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
+    """Return the facts in the header of an output file, as `provenance.read`.
+
+    Raises
+    ------
+    InvalidFileError
+        If the file cannot be read, or a fact is not of its type.
+    """
+    facts = provenance.read(path, usual=usual)
+    checked(RecordedFacts, facts, path, "header")
+    return facts
+
 
 LOG = "touches.jsonl"
 """The touch log of an exploration."""

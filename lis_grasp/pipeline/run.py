@@ -19,11 +19,10 @@ from lis_grasp.pipeline.exploring import explore_into, say_object
 from lis_grasp.pipeline.known import require_record
 from lis_grasp.pipeline.lifting_stage import require_simulator
 from lis_grasp.pipeline.progress import SILENT, Progress
-from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.regrasp import grasp_with_tactile_check
 from lis_grasp.pipeline.report_json import build_report
 from lis_grasp.pipeline.results import Run
-from lis_grasp.pipeline.results_folder import results_folder
+from lis_grasp.pipeline.results_folder import read_facts, results_folder
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.run_scene import write_scene_of
 from lis_grasp.pipeline.scenario import Scenario

@@ -16,9 +16,8 @@ from lis_grasp.exploration import Exploration, ProbeOutcome, Region
 from lis_grasp.exploration.touch_log import read_log
 from lis_grasp.io.surface_files import load_growth
 from lis_grasp.pipeline.known import find_obstacles
-from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.results import SOURCES, Run
-from lis_grasp.pipeline.results_folder import LOG
+from lis_grasp.pipeline.results_folder import LOG, read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.summary import headline, run_lines
 from lis_grasp.robots.arm import Arm

@@ -19,6 +19,7 @@ from lis_grasp.surfaces._gaussian_process_regression import (
     log_likelihood,
 )
 from lis_grasp.surfaces._kernels import Matern52
+from lis_grasp.surfaces._patch import design_rows
 from lis_grasp.surfaces.contact_places import resolution_of
 from lis_grasp.surfaces.queries import require_range
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
@@ -207,7 +208,7 @@ class _Blocks:
         rows = centers[:, None]
         near, distances, used = near[rows, first], distances[rows, first], on_patch[rows, first]
         offsets = (points[near] - points[rows]) / spacing  # (B, K, 3)
-        gradients = _gradient_rows(offsets, tangent_frame(normals[centers]))  # (B, K, 3, 9)
+        values, gradients = _quadric_rows(offsets, tangent_frame(normals[centers]))
         mine, theirs = normals[rows], normals[near]  # (B, 1, 3), (B, K, 3)
         frames = tangent_frame(theirs)  # (B, K, 2, 3)
         tilts = _with_side(frames @ gradients, -np.einsum("bkuc,blc->bku", frames, mine))
@@ -216,9 +217,7 @@ class _Blocks:
             1.0 - np.einsum("bkc,blc->bk", theirs, mine),
         )
         lengths *= used[:, :, None] / _GRADIENT_LENGTH
-        heights = _with_side(
-            _value_rows(offsets, gradients), -np.einsum("bkc,blc->bk", offsets, mine)
-        )
+        heights = _with_side(values, -np.einsum("bkc,blc->bk", offsets, mine))
         return cls(
             spacing=spacing,
             distances=distances,
@@ -299,23 +298,12 @@ def _spread(points: FloatArray, chosen: IndexArray) -> IndexArray:
     return order[np.round(np.linspace(0, len(order) - 1, count)).astype(np.intp)]
 
 
-def _gradient_rows(offsets: FloatArray, tangents: FloatArray) -> FloatArray:
-    """Return the rows that map the unknowns to the quadric's gradient, shape (B, K, 3, 9)."""
-    x, y, z = np.moveaxis(offsets, 2, 0)
-    rows = np.zeros((*offsets.shape, 9))
-    rows[..., 1:3] = np.swapaxes(tangents, 1, 2)[:, None]
-    rows[..., 0, 3], rows[..., 0, 6], rows[..., 0, 7] = x, y, z
-    rows[..., 1, 4], rows[..., 1, 6], rows[..., 1, 8] = y, x, z
-    rows[..., 2, 5], rows[..., 2, 7], rows[..., 2, 8] = z, x, y
-    return rows
-
-
-def _value_rows(offsets: FloatArray, gradients: FloatArray) -> FloatArray:
-    """Return the rows that map the unknowns to the quadric's value, shape (B, K, 9)."""
-    rows = np.einsum("bkc,bkcq->bkq", offsets, gradients)
-    rows[..., 3:] *= 0.5
-    rows[..., 0] = 1.0
-    return rows
+def _quadric_rows(offsets: FloatArray, tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what maps the unknowns to a quadric's value, (B, K, 9), and gradient, (B, K, 3, 9)."""
+    rows = design_rows(offsets.reshape(-1, 3)).reshape(*offsets.shape[:2], 4, 10)
+    slopes = np.einsum("bkrc,btc->bkrt", rows[..., 1:4], tangents)
+    rows = np.concatenate([rows[..., :1], slopes, rows[..., 4:]], axis=-1)
+    return rows[:, :, 0], rows[:, :, 1:]
 
 
 def _with_side(rows: FloatArray, sides: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
+from lis_grasp.robots.link_bodies import fibonacci_directions
 from lis_grasp.typing import FloatArray
 
 ELEVATION = np.deg2rad(24.0)
@@ -50,12 +51,7 @@ def outermost(points: FloatArray) -> FloatArray:
     """Return those of `points` (N, 3) that are extreme in any of 150 directions."""
     if not len(points):
         return points
-    k = np.arange(_OUTWARD)
-    z = 1.0 - (2.0 * k + 1.0) / _OUTWARD  # a Fibonacci sphere
-    turn = k * np.pi * (3.0 - np.sqrt(5.0))
-    flat = np.sqrt(1.0 - z**2)
-    directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
-    return points[np.unique(np.argmax(directions @ points.T, axis=1))]
+    return points[np.unique(np.argmax(fibonacci_directions(_OUTWARD) @ points.T, axis=1))]
 
 
 def _score(subject: FloatArray, obstacle: FloatArray, azimuth: float) -> float:

@@ -18,12 +18,13 @@ from lis_grasp.motion import Motion
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization._arm_layer import arm_points, draw_pedestal, standing_points
 from lis_grasp.visualization._drawing import Canvas
-from lis_grasp.visualization._exploration_layers import draw_pose_track, draw_search
 from lis_grasp.visualization._object_layers import (
     draw_bad_contacts,
     draw_contacts,
     draw_estimates,
     draw_obstacles,
+    draw_pose_track,
+    draw_search,
     draw_table,
     draw_truth,
     marker_size,

@@ -14,8 +14,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.surface_error import surface_error
-from lis_grasp.evaluation.surface_samples import sample_mesh
+from lis_grasp.evaluation.surface_error import sample_mesh, surface_error
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.exploration import STEP_FRACTION
 from lis_grasp.io.json_lines import Row

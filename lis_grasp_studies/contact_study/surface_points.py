@@ -9,7 +9,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
+from lis_grasp.evaluation.surface_error import sample_mesh, sample_segments
 from lis_grasp.shapes import SHARP_ANGLE, Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.typing import FloatArray, IndexArray

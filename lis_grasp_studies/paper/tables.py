@@ -9,7 +9,7 @@ from operator import itemgetter
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.surface_samples import sample_segments
+from lis_grasp.evaluation.surface_error import sample_segments
 from lis_grasp.io.json_lines import Row
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.shapes.mesh_distance import distances_to_mesh

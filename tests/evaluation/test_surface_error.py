@@ -12,8 +12,12 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.surface_error import SurfaceError, surface_error
-from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
+from lis_grasp.evaluation.surface_error import (
+    SurfaceError,
+    sample_mesh,
+    sample_segments,
+    surface_error,
+)
 from lis_grasp.exceptions import EstimationError, InvalidContactsError, InvalidOptionError
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh

@@ -13,7 +13,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, TooManyBadContactsError
 from lis_grasp.pipeline import ContactSource, estimate_file, grasp_file
 from lis_grasp.pipeline.progress import SILENT
-from lis_grasp.pipeline.recorded_facts import read_facts
+from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.pipeline.run_scene import scene_of
 
 BOX = trimesh.creation.box(extents=[0.06, 0.05, 0.04])

@@ -16,7 +16,7 @@ from lis_grasp.exploration import TactileSensor, load_outcomes
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.pipeline import ContactSource, RunConfig
 from lis_grasp.pipeline.contact_sources import join_sources, load_source
-from lis_grasp.pipeline.recorded_facts import read_facts
+from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.pipeline.stages import make_estimator
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 

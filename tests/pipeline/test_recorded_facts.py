@@ -7,7 +7,7 @@ import pytest
 
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.pipeline import RunConfig
-from lis_grasp.pipeline.recorded_facts import RecordedFacts, read_facts
+from lis_grasp.pipeline.results_folder import RecordedFacts, read_facts
 
 
 def _file_with(tmp_path: Path, **facts: object) -> Path:

@@ -14,9 +14,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
-from lis_grasp.simulation.drake._free_wrist import WristInPlant
 from lis_grasp.simulation.drake.contact_patches import link_contacts
 from lis_grasp.simulation.drake.hand_plant import HandInPlant, add_hand
+from lis_grasp.simulation.drake.lift import WristInPlant
 from lis_grasp.simulation.drake.link_plant import add_visuals
 from lis_grasp.simulation.drake.object_plant import add_object
 

@@ -19,8 +19,7 @@ from scipy.spatial import cKDTree
 
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.surface_error import surface_error
-from lis_grasp.evaluation.surface_samples import sample_mesh
+from lis_grasp.evaluation.surface_error import sample_mesh, surface_error
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.geometry import tangent_frame
 from lis_grasp.shapes import Shape

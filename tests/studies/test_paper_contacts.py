@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from lis_grasp import shapes
-from lis_grasp.evaluation.surface_samples import sample_segments
+from lis_grasp.evaluation.surface_error import sample_segments
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp_studies.paper.trials import walk_surface
 

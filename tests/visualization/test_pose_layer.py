@@ -6,7 +6,7 @@ import numpy as np
 
 from lis_grasp.exploration import Probe, ProbeOutcome
 from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
-from lis_grasp.visualization._exploration_layers import motion_paths
+from lis_grasp.visualization._object_layers import motion_paths
 
 CENTER = np.array([0.1, 0.05, 0.02])
 

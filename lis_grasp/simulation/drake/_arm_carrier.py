@@ -17,9 +17,8 @@ from lis_grasp.lifting.scene import ArmStoppedError, Carrier, CarrierMotion
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import WristPath, minimum_jerk
 from lis_grasp.motion import arm_body
-from lis_grasp.simulation.drake._arm_watch import ArmWatch
 from lis_grasp.simulation.drake._plant_scene import PlantScene
-from lis_grasp.simulation.drake.arm_plant import add_arm
+from lis_grasp.simulation.drake.arm_plant import ArmWatch, add_arm
 from lis_grasp.simulation.drake.hand_plant import HandInPlant
 from lis_grasp.typing import FloatArray
 

@@ -19,9 +19,8 @@ from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.lifting.joint_path import joint_rates, posture_near
 from lis_grasp.lifting.scene import ArmStoppedError
 from lis_grasp.probing.approach_planner import rotation_to_x
-from lis_grasp.simulation.drake._arm_watch import ArmWatch
 from lis_grasp.simulation.drake._plant_scene import PlantScene
-from lis_grasp.simulation.drake.arm_plant import add_arm
+from lis_grasp.simulation.drake.arm_plant import ArmWatch, add_arm
 from lis_grasp.simulation.drake.hand_plant import HandInPlant
 from lis_grasp.typing import FloatArray
 

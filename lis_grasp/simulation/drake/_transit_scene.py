@@ -8,9 +8,8 @@ import trimesh
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory
 from lis_grasp.lifting.arm_use import ArmUse
-from lis_grasp.simulation.drake._arm_watch import ArmWatch
 from lis_grasp.simulation.drake._plant_scene import PlantScene
-from lis_grasp.simulation.drake.arm_plant import add_arm
+from lis_grasp.simulation.drake.arm_plant import ArmWatch, add_arm
 from lis_grasp.simulation.drake.hand_plant import add_hand
 from lis_grasp.simulation.drake.object_plant import add_object, add_table
 from lis_grasp.typing import FloatArray

@@ -1,4 +1,4 @@
-"""Hand in a Drake plant: links with compliant hydroelastic skin, joints under PD control."""
+"""Hand in a Drake plant: links with compliant skin, joints under PD control, a pulled wrist."""
 
 from __future__ import annotations
 
@@ -7,19 +7,65 @@ from dataclasses import dataclass
 from warnings import warn
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialForce, SpatialVelocity
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Joint, ModelInstanceIndex, PdControllerGains, RigidBody
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
+from pydrake.multibody.tree import (
+    BodyIndex,
+    Joint,
+    ModelInstanceIndex,
+    PdControllerGains,
+    RigidBody,
+)
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import by_joint_kind
 from lis_grasp.shapes.object_mass import USUAL_FRICTION
 from lis_grasp.simulation.drake.link_plant import LinksInPlant, add_links, add_skin
-from lis_grasp.simulation.drake.pd_wrist import PdWrist
 from lis_grasp.typing import FloatArray, IndexArray
+
+# Critical damping at this angular frequency [rad/s]: the hand lags by 50 ms.
+_FREQUENCY = 40.0
+# Radius of gyration of a hand about its base link's frame [m].
+_GYRATION = 0.07
+
+
+class PdWrist(LeafSystem):
+    """Pulls a floating body of a mass [kg] to a desired pose: a critically damped spring.
+
+    Input ports ``X_WG`` (the desired pose), ``body_poses`` and ``body_spatial_velocities``; the
+    output port is for the plant's ``applied_spatial_force``.
+    """
+
+    def __init__(self, body: BodyIndex, mass: float) -> None:
+        super().__init__()
+        make = AbstractValue.Make
+        self._body, self._inertia = body, mass * np.repeat([_GYRATION**2, 1.0], 3)
+        self._goal = self.DeclareAbstractInputPort("X_WG", make(RigidTransform()))
+        self._poses = self.DeclareAbstractInputPort("body_poses", make([RigidTransform()]))
+        self._velocities = self.DeclareAbstractInputPort(
+            "body_spatial_velocities", make([SpatialVelocity()])
+        )
+        force = ExternallyAppliedSpatialForce()
+        self.DeclareAbstractOutputPort("forces", lambda: make([force]), self._pull)
+
+    def _pull(self, context: Context, output: AbstractValue) -> None:
+        goal, X = self._goal.Eval(context), self._poses.Eval(context)[self._body]
+        V = self._velocities.Eval(context)[self._body]
+        turn = (goal.rotation() @ X.rotation().inverse()).ToAngleAxis()
+        error = np.append(turn.angle() * turn.axis(), goal.translation() - X.translation())
+        velocity = np.append(V.rotational(), V.translational())
+        pull = self._inertia * (_FREQUENCY**2 * error - 2.0 * _FREQUENCY * velocity)
+        force = ExternallyAppliedSpatialForce()
+        force.body_index = self._body
+        force.F_Bq_W = SpatialForce(tau=pull[:3], f=pull[3:])
+        output.set_value([force])
+
 
 PROBING_SKIN = 1e6
 """Hydroelastic modulus of the skin while probing [Pa].
