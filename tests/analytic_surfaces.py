@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
 Function = Callable[[FloatArray], FloatArray]
@@ -46,6 +47,13 @@ class Analytic:
 
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         return self.doubt(np.asarray(points, dtype=np.float64))
+
+
+def differences(surface: ImplicitSurface, points: FloatArray, step: float) -> FloatArray:
+    """Return central differences of a surface's function at points (N, 3), shape (N, 3)."""
+    moves = step * np.eye(3)
+    rises = [surface.evaluate(points + m) - surface.evaluate(points - m) for m in moves]
+    return np.stack(rises, axis=-1) / (2.0 * step)
 
 
 def cube_bounds(half: float) -> FloatArray:

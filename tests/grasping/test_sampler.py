@@ -9,7 +9,7 @@ from made_grasps import jaw_grasp
 from scipy.spatial import cKDTree
 
 from lis_grasp import ForceClosureSampler, GraspSearch, Hand, is_force_closure, shapes
-from lis_grasp.evaluation.surface_samples import sample_segments
+from lis_grasp.evaluation.surface_error import sample_segments
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping import sampler as sampler_module
 from lis_grasp.grasping._antipodal_sampling import sample_contact_sets

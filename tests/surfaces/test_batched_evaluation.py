@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.surfaces import LocalImplicitSurface, PatchImplicitSurface
+from lis_grasp.surfaces import PatchImplicitSurface
 from lis_grasp.surfaces._kernel_mean import KernelMean
 from lis_grasp.surfaces._kernels import (
     Matern52,
@@ -101,12 +101,3 @@ def test_weights_of_pairs_equal_those_of_all_nodes() -> None:
     found = np.zeros_like(expected)
     found[:, near] = dense.T
     np.testing.assert_allclose(found, expected, atol=1e-12)
-
-
-def test_a_lone_contact_is_a_plane() -> None:
-    surface = LocalImplicitSurface.from_contacts(
-        Contacts(np.array([[0.0, 0.0, 0.1]]), np.array([[0.0, 0.0, 1.0]]))
-    )
-    queries = np.random.default_rng(6).uniform(-0.1, 0.1, (50, 3))
-    np.testing.assert_allclose(surface.evaluate(queries), queries[:, 2] - 0.1, atol=1e-15)
-    np.testing.assert_allclose(surface.gradient(queries), np.tile([0, 0, 1.0], (50, 1)), atol=1e-12)

@@ -235,16 +235,6 @@ def test_inward_normals_are_refused_and_flipped_on_request(name: str, tmp_path: 
             load_contacts(path)
 
 
-def test_one_view_does_not_show_the_side_of_its_normals(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    xy = rng.uniform(-0.05, 0.05, (200, 2))
-    bowl = np.column_stack([xy, 8.0 * (xy**2).sum(axis=1)])  # a camera above a bowl
-    normals = np.column_stack([-16.0 * xy, np.ones(200)])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    Contacts(bowl, normals).save(tmp_path / "bowl.ply")
-    assert len(load_contacts(tmp_path / "bowl.ply")) == 200
-
-
 def test_estimate_prints_the_size(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     axes = np.vstack([np.eye(3), -np.eye(3)])
     path = tmp_path / "contacts.csv"

@@ -9,7 +9,12 @@ import pytest
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.surfaces import GaussianProcessImplicitSurface, LocalImplicitSurface
+from lis_grasp.surfaces import (
+    ESTIMATORS,
+    Estimator,
+    GaussianProcessImplicitSurface,
+    LocalImplicitSurface,
+)
 from lis_grasp.surfaces._contact_noise import noise_of
 from lis_grasp.surfaces.contact_preparation import (
     merge_duplicates,
@@ -97,9 +102,9 @@ def test_an_exact_repetition_is_one_measurement_with_the_least_noise() -> None:
     assert distinct.position_noise is None
 
 
-@with_own_noise
+@pytest.mark.parametrize("estimate", ESTIMATORS.values(), ids=ESTIMATORS)
 @pytest.mark.parametrize("known", [True, False])
-def test_repeating_contacts_changes_nothing(estimate, known: bool) -> None:
+def test_repeating_contacts_changes_nothing(estimate: Estimator, known: bool) -> None:
     contacts = sphere_contacts()
     if known:
         noise = np.linspace(1e-4, 3e-3, len(contacts))
