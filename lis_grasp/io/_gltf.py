@@ -13,12 +13,18 @@ from typing import Any
 from urllib.parse import unquote
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.limits import MEBIBYTE, MOST_ELEMENTS, require_file_size
+from lis_grasp.io.limits import (
+    MEBIBYTE,
+    MOST_ELEMENTS,
+    ReadError,
+    reason_of,
+    require_file_size,
+)
 
 _MOST_TEXT = 128 * MEBIBYTE  # of a glTF's JSON
 _MOST_BUFFER = 512 * MEBIBYTE  # of a glTF's buffer
 _HARMLESS = re.compile("materials|texture|lights|xmp|variants")  # extensions beside the shape
-_GLTF_TRIANGLES = 4  # the mode of primitives; above it strips and fans
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6  # modes of primitives
 _GLB = struct.Struct("<4sIII4s")  # magic, version, length, length of the first chunk, its type
 
 
@@ -33,6 +39,9 @@ def require_readable_gltf(path: Path) -> int:
     """
     try:
         header = _gltf_header(path)
+        version = str(header["asset"]["version"])
+        if not version.startswith("2."):
+            raise ReadError(f"it is of version {version}, and 2.0 is read", "export it as glTF 2.0")
         counts = [accessor["count"] for accessor in header.get("accessors", [])]
         permitted = all(type(count) is int and 0 <= count <= MOST_ELEMENTS for count in counts)
         if not permitted or max(sum(counts), _gltf_elements(header, counts)) > MOST_ELEMENTS:
@@ -52,18 +61,20 @@ def require_readable_gltf(path: Path) -> int:
                 path=path,
             )
         triangles = _gltf_triangles(header, counts)
-        uris = [buffer.get("uri", "data:") for buffer in header.get("buffers", [])]
-        files = [path.parent / unquote(uri) for uri in uris if not uri.startswith("data:")]
+        uris = {b.get("uri", "data:"): b["byteLength"] for b in header.get("buffers", [])}
+        files = {path.parent / unquote(u): n for u, n in uris.items() if not u.startswith("data:")}
     except CycleError:
         raise InvalidFileError(f"{path} has a node inside of itself", path=path) from None
     except (AttributeError, LookupError, TypeError):
         raise InvalidFileError(
             f"{path} must follow glTF 2.0; it does not: export it again", path=path
         ) from None
-    for file in files:
+    for file, announced in files.items():
         if not os.path.isfile(file):
             raise InvalidFileError(f"{path} needs the file {file}, which is missing", path=path)
         require_file_size(file, _MOST_BUFFER)
+        if (size := file.stat().st_size) < announced:
+            raise ReadError(f"{file} must have {announced} bytes, and has {size}")
     return triangles
 
 
@@ -75,9 +86,9 @@ def _gltf_header(path: Path) -> Any:
         start = file.read(_GLB.size)
         magic, _, size, length, kind = _GLB.unpack(start.ljust(_GLB.size, b"\0"))
         if magic != b"glTF" or kind != b"JSON":
-            raise ValueError("it has no header of GLB 2")
+            raise ReadError("it has no header of GLB 2")
         if size > path.stat().st_size:
-            raise ValueError(f"it announces {size} bytes, and has {path.stat().st_size}")
+            raise ReadError(f"it announces {size} bytes, and has {path.stat().st_size}")
         return _json(file.read(min(length, _MOST_TEXT)))
 
 
@@ -85,7 +96,7 @@ def _json(text: bytes) -> Any:
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:
-        raise ValueError(f"it is no JSON, or cut off: {error}") from None
+        raise ReadError(reason_of(error, "JSON")) from None
 
 
 def _gltf_elements(header: Mapping[str, Any], counts: Sequence[int]) -> int:
@@ -110,13 +121,17 @@ def _gltf_triangles(header: Mapping[str, Any], counts: Sequence[int]) -> int:
     for number, mesh in enumerate(header.get("meshes", [])):
         for primitive in mesh["primitives"]:
             size = counts[primitive.get("indices", primitive["attributes"].get("POSITION"))]
-            mode = primitive.get("mode", _GLTF_TRIANGLES)
-            strip = max(size - 2, 0) if mode > _GLTF_TRIANGLES else 0
-            meshes[number] += size // 3 if mode == _GLTF_TRIANGLES else strip
+            mode = primitive.get("mode", _TRIANGLES)
+            if mode == _FAN:
+                raise ReadError(
+                    "it has triangle fans, which are not read", "export plain triangles"
+                )
+            strip = max(size - 2, 0) if mode == _STRIP else 0
+            meshes[number] += size // 3 if mode == _TRIANGLES else strip
+    if not header.get("scenes"):
+        raise ReadError("it has no scene")
     sizes = _sizes_below(header, meshes)
-    scenes = header.get("scenes", [])
-    shown = scenes[header.get("scene", 0)].get("nodes", []) if scenes else _roots(header)
-    return sum(sizes[number] for number in shown)
+    return sum(sizes[n] for n in header["scenes"][header.get("scene", 0)].get("nodes", []))
 
 
 def _sizes_below(header: Mapping[str, Any], meshes: Sequence[int], node: int = 0) -> dict[int, int]:

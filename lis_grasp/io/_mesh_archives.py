@@ -14,7 +14,7 @@ from defusedxml import DefusedXmlException, ElementTree
 
 from lis_grasp.geometry import apply_pose, make_pose
 from lis_grasp.io._polygons import triangulate
-from lis_grasp.io.limits import MOST_ELEMENTS, require_small_archive
+from lis_grasp.io.limits import MOST_ELEMENTS, ReadError, reason_of, require_small_archive
 from lis_grasp.typing import FloatArray, IntArray
 
 _UNITS_3MF: Mapping[str, float] = {
@@ -41,7 +41,7 @@ def read_3mf(path: Path) -> tuple[FloatArray, IntArray, float]:
     with path.open("rb") as file, zipfile.ZipFile(file) as archive:
         require_small_archive(archive.infolist())
         if "_rels/.rels" not in archive.namelist():
-            raise ValueError("it is an archive without a model")
+            raise ReadError("it is an archive without a model")
         links = _parsed(archive.read("_rels/.rels"))
         start = next(r.attrib["Target"] for r in links if r.get("Type", "").endswith("/3dmodel"))
 
@@ -59,21 +59,23 @@ def read_3mf(path: Path) -> tuple[FloatArray, IntArray, float]:
         size = 0
         uses = [(start, item, np.eye(4)) for item in root.iter() if _is(item, "item")]
         if not uses:
-            raise ValueError("it has no items to build")
+            raise ReadError("it has no items to build")
         for part, use, X in uses:  # components are added as they are found
             part = next((v for k, v in use.attrib.items() if k.endswith("}path")), part)
             X = X @ _transform(use.get("transform"))
-            meshes, components = model(part)[1][use.get("objectid", "")]
+            if (number := use.get("objectid", "")) not in model(part)[1]:
+                raise ReadError(f"an item is of the object {number}, which it lacks")
+            meshes, components = model(part)[1][number]
             placed += [(apply_pose(X, vertices), faces) for vertices, faces in meshes]
             uses += [(part, component, X) for component in components]
             size += sum(len(vertices) + len(faces) for vertices, faces in meshes)
             if len(uses) > _MOST_USES or size > MOST_ELEMENTS:
-                raise ValueError(f"it has components inside of themselves, or over {_MOST_USES}")
+                raise ReadError(f"it has components inside of themselves, or over {_MOST_USES}")
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in placed)])
     faces = [f + start for (_, f), start in zip(placed, starts[:-1], strict=True)]
     unit = root.get("unit", "millimeter")
     if unit not in _UNITS_3MF:
-        raise ValueError(f"it states the unit {unit}, which 3MF does not have")
+        raise ReadError(f"it states the unit {unit}, which 3MF does not have")
     return np.concatenate([v for v, _ in placed]), np.concatenate(faces), _UNITS_3MF[unit]
 
 
@@ -82,9 +84,9 @@ def _parsed(text: bytes) -> Element:
     try:
         root: Element = ElementTree.fromstring(text)
     except DefusedXmlException:
-        raise ValueError("it declares entities, which are not read") from None
+        raise ReadError("it declares entities, which are not read") from None
     except ElementTree.ParseError as error:
-        raise ValueError(f"it is no XML, or cut off: {error}") from None
+        raise ReadError(reason_of(error, "XML")) from None
     return root
 
 
@@ -98,7 +100,7 @@ def _require_read(root: Element, start: bytes) -> None:
     for prefix in root.get("requiredextensions", "").split():
         namespace = names.get(prefix.encode(), prefix.encode()).decode("utf-8", "replace")
         if not _READ_3MF.search(namespace):
-            raise ValueError(f"it requires the extension {namespace}, which is not read")
+            raise ReadError(f"it requires the extension {namespace}, which is not read")
 
 
 def _transform(text: str | None) -> FloatArray:
@@ -120,7 +122,7 @@ def _meshes(element: Element) -> _Meshes:
     vertices = np.array([[each.attrib[axis] for axis in "xyz"] for each in rows], np.float64)
     faces = np.array([[each.attrib[v] for v in ("v1", "v2", "v3")] for each in corners], np.int64)
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(rows):
-        raise ValueError("a triangle names a vertex that it lacks")
+        raise ReadError("a triangle names a vertex that it lacks")
     return [(vertices, faces)] if len(faces) else []
 
 
@@ -132,10 +134,14 @@ def plain_dae(content: bytes) -> tuple[bytes, float | None, str | None]:
     root = _parsed(content)
     space = str(root.tag).rpartition("}")[0] + "}" if "}" in str(root.tag) else ""
     if root.find(f"{space}scene") is None:
-        raise ValueError("it has no scene")
+        raise ReadError("it has no scene")
     for kind in ("tristrips", "trifans", "instance_controller"):
         if next(root.iter(space + kind), None) is not None:
-            raise ValueError(f"it has {kind}, which are not read: export plain triangles")
+            raise ReadError(f"it has {kind}, which are not read", "export plain triangles")
+    for array in root.iter(f"{space}float_array"):
+        held = len(np.array((array.text or "").split(), np.float64))
+        if held != int(array.get("count", held)):
+            raise ReadError(f"it announces {array.get('count')} numbers, and has {held}")
     unit, up = root.find(f"{space}asset/{space}unit"), root.find(f"{space}asset/{space}up_axis")
     metres = None if unit is None else float(unit.get("meter", "1"))
     axis = (up.text or "").strip()[:1].lower() if up is not None else None
@@ -151,7 +157,7 @@ def _cut_polygons(mesh: Element, space: str) -> bool:
         if kind not in ("polylist", "polygons"):
             continue
         if part.find(f"{space}ph") is not None:
-            raise ValueError("it has polygons with holes: triangulate them where they were made")
+            raise ReadError("it has polygons with holes", "triangulate them where they were made")
         inputs = [each for each in part if _is(each, "input")]
         width = 1 + max(int(each.get("offset", "0")) for each in inputs)
         rows = np.array(

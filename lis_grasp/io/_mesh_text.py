@@ -10,6 +10,7 @@ import numpy as np
 
 from lis_grasp.io._ply import read_ply
 from lis_grasp.io._polygons import as_triangles, triangulate
+from lis_grasp.io.limits import ReadError
 from lis_grasp.typing import FloatArray, IntArray
 
 Triangles = tuple[FloatArray, IntArray]
@@ -47,11 +48,11 @@ def plain_obj(content: bytes) -> tuple[bytes, int]:
     crosses itself.
     """
     if b"\0" in content:
-        raise ValueError("it is binary, and OBJ is text")
+        raise ReadError("it is binary, and OBJ is text")
     content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if odd := _OBJ_WORDS.search(content):
         line = odd[0].decode("utf-8", "replace").strip()[:60]
-        raise ValueError(f"the line '{line}' is a vertex that is not of numbers")
+        raise ReadError(f"the line '{line}' is a vertex that is not of numbers")
     if _OBJ_ODD.search(content):
         content = _rewritten_obj(content)
     return content, len(_OBJ_FACE.findall(content))
@@ -71,6 +72,8 @@ def _rewritten_obj(content: bytes) -> bytes:
         if kind == "v":
             vertices.append([float(word) for word in words[:3]])
         elif kind == "f":
+            if len(words) < 3:
+                raise ReadError(f"the face '{line.strip()}' has fewer than three corners")
             corners = [_absolute(corner, counts) for corner in words]
             of_one_form = len({tuple(map(bool, corner)) for corner in corners}) == 1
             faces[number] = ["/".join(c) if of_one_form else c[0] for c in corners]
@@ -86,14 +89,17 @@ def _absolute(corner: str, counts: dict[str, int]) -> list[str]:
     indices = []
     for name, text in zip(counts, corner.split("/"), strict=False):
         if text and not _INTEGER.fullmatch(text):
-            raise ValueError(f"a face has the corner {corner}, which is no index")
+            raise ReadError(f"a face has the corner {corner}, which is no index")
         index = int(text) if text else 0
         if index < 0:
             index += counts[name] + 1
             if index <= 0:
-                raise ValueError(f"the face corner {corner} counts back beyond the first {name}")
+                raise ReadError(f"the face corner {corner} counts back beyond the first {name}")
         if text and index == 0 and name == "v":
-            raise ValueError(f"the face corner {corner} has the index 0, and OBJ counts from 1")
+            raise ReadError(
+                f"the face corner {corner} has the index 0, and OBJ counts from 1",
+                "add 1 to the indices of its faces",
+            )
         indices.append(str(index) if index else "")
     return indices
 
@@ -104,13 +110,13 @@ def off_rows(path: Path) -> tuple[list[list[str]], list[list[str]]]:
     lines = [line.split("#")[0].split() for line in text.splitlines()]
     lines = [words for words in lines if words]
     if not lines or not _OFF_START.fullmatch(lines[0][0]) or "BINARY" in lines[0]:
-        raise ValueError("it must begin with OFF, as text")
+        raise ReadError("it must begin with OFF, as text")
     lines = [words for words in (lines[0][1:], *lines[1:]) if words]
     if not lines:
-        raise ValueError("it has no counts")
+        raise ReadError("it has no counts")
     vertices, faces = (int(word) for word in lines[0][:2])
     if min(vertices, faces) < 0 or len(lines) - 1 < vertices + faces:
-        raise ValueError(
+        raise ReadError(
             f"it announces {vertices} vertices and {faces} faces, and has {len(lines) - 1} lines of"
             " them"
         )
@@ -123,52 +129,57 @@ def read_off(path: Path) -> tuple[FloatArray, list[list[int]]]:
     polygons = [[int(word) for word in row[1 : 1 + int(row[0])]] for row in faces]
     for polygon, row in zip(polygons, faces, strict=True):
         if len(polygon) != int(row[0]):
-            raise ValueError(f"a face announces {row[0]} corners and has {len(polygon)}")
+            raise ReadError(f"a face announces {row[0]} corners and has {len(polygon)}")
     if any(len(row) < 3 for row in vertices):
-        raise ValueError("a vertex has fewer than three numbers")
+        raise ReadError("a vertex has fewer than three numbers")
     return np.array([row[:3] for row in vertices], np.float64).reshape(-1, 3), polygons
 
 
-def read_stl(path: Path) -> Triangles:
-    """Return the triangles of an STL file, text or binary, each with vertices of its own."""
-    content = path.read_bytes()
+def read_stl(path: Path) -> tuple[Triangles, bool]:
+    """Return the triangles of an STL file, text or binary, each with vertices of its own.
+
+    The flag says that a text ends before its ``endsolid``, as a download that stopped does.
+    """
+    content, is_ended = path.read_bytes(), True
     (count,) = struct.unpack_from("<I", content, _STL_START - 4) if len(content) >= 84 else (0,)
     held = (len(content) - _STL_START) // _STL_ROW.itemsize
     is_exact = len(content) == _STL_START + _STL_ROW.itemsize * count
     if not is_exact and (b"\0" not in content or _STL_FACET.search(content[:_STL_NAMED])):
-        corners = _corners_in_text(content)
+        corners, is_ended = _corners_in_text(content)
     elif len(content) < _STL_START:
-        raise ValueError(f"it has {len(content)} bytes, fewer than the start of a binary STL")
+        raise ReadError(f"it has {len(content)} bytes, fewer than the start of a binary STL")
     elif count > held or (count == 0 and held > 0):
-        raise ValueError(f"it announces {count} triangles, and has bytes for {max(held, 0)}")
+        raise ReadError(f"it announces {count} triangles, and has bytes for {max(held, 0)}")
     else:  # bytes after the last triangle are of other programs
         rows = np.frombuffer(content, _STL_ROW, count, _STL_START)
         corners = rows["corners"].reshape(-1, 3).astype(np.float64)
-    return corners, np.arange(len(corners)).reshape(-1, 3)
+    return (corners, np.arange(len(corners)).reshape(-1, 3)), not is_ended
 
 
-def _corners_in_text(content: bytes) -> FloatArray:
+def _corners_in_text(content: bytes) -> tuple[FloatArray, bool]:
+    """Return the corners (3 F, 3) of a text, and whether it has the end of its last solid."""
+    names = [name[0].split()[0].lower() for name in _STL_NAME.finditer(content)]
     begins = _STL_NAME.search(content) is not None
     content = _STL_NAME.sub(b"", content)  # the name may have any words
     found = _STL_VERTEX.findall(_STL_EXPONENT.sub(rb"\1E\2", content))
     starts = [match.start() for match in _STL_FACET.finditer(content)]
     facets = len(starts)
     if not begins and not facets:
-        raise ValueError("it is text without facets")
+        raise ReadError("it is text without facets")
     if starts and _STL_FACET_END.search(content) and not _STL_FACET_END.search(content, starts[-1]):
-        raise ValueError(f"it is cut off within facet {facets}")
+        raise ReadError(f"it is cut off within facet {facets}")
     if len(found) != 3 * facets:
-        raise ValueError(f"it has {facets} facets and {len(found)} vertices, not three for each")
-    return np.array(found).astype(np.float64).reshape(-1, 3)
+        raise ReadError(f"it has {facets} facets and {len(found)} vertices, not three for each")
+    return np.array(found).astype(np.float64).reshape(-1, 3), names[-1:] == [b"endsolid"]
 
 
 def read_ply_polygons(path: Path) -> Triangles:
     """Return the vertices and triangles of a PLY file with faces of any numbers of corners."""
     elements = {element.name: element.data for element in read_ply(path).elements}
     if "tristrips" in elements and "face" not in elements:
-        raise ValueError("it has triangle strips and no faces: write it with faces")
+        raise ReadError("it has triangle strips and no faces", "write it with faces")
     if "vertex" not in elements:
-        raise ValueError("it has no vertices")
+        raise ReadError("it has no vertices")
     vertex, face = elements["vertex"], elements.get("face")
     names = ("vertex_indices", "vertex_index")
     name = next((n for n in names if face is not None and n in face.dtype.names), None)

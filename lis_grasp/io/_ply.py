@@ -10,9 +10,15 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from plyfile import PlyData, PlyElement, PlyParseError
+from plyfile import (
+    PlyData,
+    PlyElement,
+    PlyElementParseError,
+    PlyHeaderParseError,
+    PlyParseError,
+)
 
-from lis_grasp.io.limits import MEBIBYTE, announced_rows, reading
+from lis_grasp.io.limits import MEBIBYTE, ReadError, announced_rows, reading
 
 _MOST_BYTES = 512 * MEBIBYTE
 
@@ -30,7 +36,17 @@ def read_ply(path: Path) -> PlyData:
         announced_rows(path)
         with suppress(PlyParseError, ValueError, OverflowError):
             return PlyData.read(str(path), known_list_len=_TRIANGLES)
-        return PlyData.read(str(path), mmap=False)
+        try:
+            return PlyData.read(str(path), mmap=False)
+        except PlyElementParseError as error:
+            name = error.element.name
+            where = "" if error.row is None else f"row {error.row + 1} of "
+            raise ReadError(
+                f"{where}its {error.element.count} rows of {name} is not as its header says, or the"
+                " file ends there"
+            ) from None
+        except PlyHeaderParseError as error:
+            raise ReadError(f"line {error.line} of its header is no PLY") from None
 
 
 def ply_element(name: str, columns: Mapping[str, npt.NDArray[Any]]) -> PlyElement:

@@ -111,6 +111,8 @@ def contact_fields(
     for field, name in (*_MEASURED.items(), *zip(NOISE, NOISE, strict=True)):
         if name in columns:
             fields[field] = np.asarray(columns[name], dtype=np.float64)
+    if "radius" in columns:
+        note(f"{path}: the column radius is not used: radii are of rows whose kind is free")
     kept = np.isfinite(fields["points"]).all(axis=1)
     count = len(kept)
     if count and not kept.any():

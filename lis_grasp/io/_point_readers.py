@@ -13,7 +13,14 @@ import numpy.typing as npt
 from lis_grasp.exceptions import InvalidFileError, note
 from lis_grasp.io._point_columns import NORMAL, POINT
 from lis_grasp.io.csv_tables import DECIMAL_COMMA, cell_number, text_of, uncommented
-from lis_grasp.io.limits import MEBIBYTE, MOST_UNPACKED, announced_array, array_names, read_arrays
+from lis_grasp.io.limits import (
+    MEBIBYTE,
+    MOST_UNPACKED,
+    ReadError,
+    announced_array,
+    array_names,
+    read_arrays,
+)
 
 Columns = dict[str, npt.NDArray[Any]]
 
@@ -32,7 +39,7 @@ _NAMES = {
 def read_rows(path: Path) -> Columns:
     """Return the columns of a text of numbers: points, then perhaps normals, then anything.
 
-    Cells are separated by blanks or commas; a first row of one number is the count of rows.
+    Cells are separated by blanks, commas or semicolons; a first row of one number counts the rows.
     """
     _, lines = uncommented(text_of(path, ascii_only=True))
     if lines and lines[0].strip().isdecimal():
@@ -40,17 +47,21 @@ def read_rows(path: Path) -> Columns:
         if count != len(lines):
             message = f"{path} announces {count} points, and has {len(lines)} rows"
             raise InvalidFileError(message, path=path)
-    by_comma = bool(lines) and "," in lines[0]
-    if by_comma and all(map(DECIMAL_COMMA.fullmatch, lines[0].split()[:3])):
-        by_comma = False
-    return positional(path, [line.split("," if by_comma else None) for line in lines])
+    first = lines[0] if lines else ""
+    mark = next((mark for mark in ";," if mark in first), None)
+    if mark == "," and all(map(DECIMAL_COMMA.fullmatch, first.split()[:3])):
+        mark = None
+    return positional(path, [line.split(mark) for line in lines])
 
 
 def positional(path: Path, rows: Sequence[Sequence[str]]) -> Columns:
     """Return columns without names: a point, and a normal where all lengths are 1."""
     short = next((number for number, row in enumerate(rows) if len(row) < len(POINT)), None)
     if short is not None:
-        message = f"{path}: row {short + 1} has {len(rows[short])} numbers, and a point has 3"
+        message = (
+            f"{path}: row {short + 1} has {len(rows[short])} of the 3 numbers of a point: separate"
+            " them by blanks, commas or semicolons"
+        )
         raise InvalidFileError(message, path=path)
     points = np.array(
         [
@@ -126,13 +137,13 @@ def read_pcd(path: Path) -> Columns:
     content = path.read_bytes()
     start = re.search(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", content, re.MULTILINE)
     if start is None:
-        raise ValueError("it has no line DATA")
+        raise ReadError("it has no line DATA")
     lines = content[: start.start()].decode("ascii", "replace").splitlines()
     head = {words[0]: words[1:] for line in lines if (words := line.split())}
     names, sizes, kinds = head["FIELDS"], map(int, head["SIZE"]), head["TYPE"]
     counts = [int(count) for count in head.get("COUNT", ["1"] * len(names))]
     if not len(names) == len(head["SIZE"]) == len(kinds) == len(counts):
-        raise ValueError("its FIELDS, SIZE, TYPE and COUNT are not equally many")
+        raise ReadError("its FIELDS, SIZE, TYPE and COUNT are not equally many")
     formats = [f"<{kind.lower()}{size}" for kind, size in zip(kinds, sizes, strict=True)]
     unique = [f"{name}.{number}" for number, name in enumerate(names)]
     row = np.dtype([(n, f, (c,)) for n, f, c in zip(unique, formats, counts, strict=True)])
@@ -143,6 +154,8 @@ def read_pcd(path: Path) -> Columns:
             cells = [line.split() for line in body.decode("ascii", "replace").splitlines()]
             cells = [words for words in cells if words]
             _require_points(points, len(cells))
+            if ragged := [words for words in cells[:points] if len(words) != sum(counts)]:
+                raise ReadError(f"a row has {len(ragged[0])} numbers, its fields {sum(counts)}")
             table = np.array(cells[:points], dtype=np.float64).reshape(points, sum(counts))
             starts = np.cumsum([0, *counts[:-1]])
             columns = [table[:, start : start + 1] for start in starts]
@@ -158,7 +171,7 @@ def read_pcd(path: Path) -> Columns:
                 columns.append(np.frombuffer(body, form, points * count, at).reshape(points, -1))
                 at += columns[-1].nbytes
         case other:
-            raise ValueError(
+            raise ReadError(
                 "its DATA must be ascii, binary or binary_compressed; they are"
                 f" {other.decode('ascii', 'replace')}"
             )
@@ -169,13 +182,13 @@ def read_pcd(path: Path) -> Columns:
 
 def _require_points(announced: int, held: int) -> None:
     if not 0 <= announced <= held:
-        raise ValueError(f"it announces {announced} points, and has {held}")
+        raise ReadError(f"it announces {announced} points, and has {held}")
 
 
 def _unpack_lzf(packed: bytes, size: int) -> bytes:
     """Return what LZF (Marc Lehmann's liblzf) packed: literal runs and references backwards."""
     if size > MOST_UNPACKED:
-        raise ValueError(f"it unpacks to more than {MOST_UNPACKED // MEBIBYTE} MiB")
+        raise ReadError(f"it unpacks to more than {MOST_UNPACKED // MEBIBYTE} MiB")
     out, at = bytearray(), 0
     while at < len(packed) and len(out) <= size:
         control = packed[at]
@@ -191,9 +204,9 @@ def _unpack_lzf(packed: bytes, size: int) -> bytes:
         back = ((control & 31) << 8) + packed[at] + 1
         at, start = at + 1, len(out) - back
         if start < 0:
-            raise ValueError("its compressed data are damaged")
+            raise ReadError("its compressed data are damaged")
         for k in range(start, start + length + 2):  # it may reach into what it writes
             out.append(out[k])
     if len(out) != size:
-        raise ValueError(f"its data unpack to {len(out)} bytes, and {size} are announced")
+        raise ReadError(f"its data unpack to {len(out)} bytes, and {size} are announced")
     return bytes(out)

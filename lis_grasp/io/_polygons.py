@@ -9,6 +9,7 @@ import manifold3d
 import numpy as np
 
 from lis_grasp.geometry import tangent_frame, unit
+from lis_grasp.io.limits import ReadError
 from lis_grasp.typing import FloatArray, IntArray
 
 # Areas below this fraction of a polygon's are rounding.
@@ -32,7 +33,7 @@ def triangulate(vertices: FloatArray, polygons: Sequence[Sequence[int]]) -> list
             continue
         indices = np.array([polygons[n] for n in numbers], dtype=np.int64)  # (P, length)
         if indices.min() < 0 or indices.max() >= len(vertices):
-            raise ValueError("a face names a vertex that it lacks")
+            raise ReadError("a face names a vertex that it lacks")
         steps = np.arange(1, length - 1)
         fan = np.column_stack([np.zeros_like(steps), steps, steps + 1])
         corners = vertices[indices]
@@ -58,7 +59,7 @@ def _cut(corners: FloatArray, normal: FloatArray) -> IntArray:
     sides = np.diff(flat[triangles], axis=1)  # (K, 2, 2)
     covered = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]).sum()
     if not abs(covered - np.linalg.norm(normal)) <= 1e3 * _ROUNDING * covered:
-        raise ValueError(
+        raise ReadError(
             f"the outline of a face with {len(corners)} corners crosses itself, so that no"
             " triangles cover it"
         )

@@ -41,6 +41,7 @@ from lis_grasp.io.atomic_writing import write_bytes
 from lis_grasp.io.content_kinds import named_by_content
 from lis_grasp.io.csv_tables import cell_number, read_table, text_of, uncommented
 from lis_grasp.io.limits import reading
+from lis_grasp.io.units import require_resolved
 from lis_grasp.typing import FloatArray
 
 _FINGERS = "fingers "
@@ -76,7 +77,9 @@ def read_point_file(path: Path) -> dict[str, Any]:
     Raises `InvalidFileError` if the file is missing, of another format, damaged, or lacks points.
     """
     with named_by_content(path):
-        return _read_fields(path)
+        fields = _read_fields(path)
+    require_resolved(path, fields["points"])
+    return fields
 
 
 def _read_fields(path: Path) -> dict[str, Any]:
@@ -273,7 +276,7 @@ def _load_csv(path: Path) -> dict[str, Any]:
     ]
     free = numbers("free", (*NORMAL, "ax", "ay", "az", "force", "time", *NOISE))
     return {
-        **contact_fields(path, numbers("contact", ("radius",)), fingers),
+        **contact_fields(path, numbers("contact", ("radius",) if "kind" in cells else ()), fingers),
         "free_points": table(path, free, POINT),
         "free_radii": free.get("radius", np.empty(0)),
         "units": stated_unit(path, known),

@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.limits import reading
+from lis_grasp.io.limits import ReadError, reading
 from lis_grasp.typing import FloatArray
 
 _LINE_END = re.compile("\r\n|\r|\n")
@@ -21,6 +21,7 @@ SECONDS: Mapping[str, float] = MappingProxyType({"s": 1.0, "ms": 1e-3, "us": 1e-
 
 # x [mm], x (mm), time_ns
 _UNIT = re.compile(r"(.+?)(?:\s*[\[(]\s*([a-z]+)\s*[\])]|_(mm|cm|inch|ms|us|ns))")
+_DATE = re.compile(r"\d[-./]\d\d[-./]\d|\d:\d\d")
 DECIMAL_COMMA = re.compile(r"[-+]?[\d.]*,\d+(e[-+]?\d+)?", re.IGNORECASE)
 """A number with a decimal comma."""
 
@@ -55,7 +56,9 @@ def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
     with reading(path, "CSV"):
         comments, lines = uncommented(text_of(path))
         if not lines:
-            raise ValueError("it is empty; a header row of column names is needed")
+            raise ReadError(
+                "it is empty", "write a header row of column names, and rows of numbers"
+            )
         first = _cells(lines[:1], lines[0])[0]
         if all(map(_is_number, first)) and comments:
             head = _COMMENT.sub("", comments[-1], count=1).strip()
@@ -71,6 +74,7 @@ def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
     for number, row in enumerate(rows, start=1):
         if len(row) != len(header):
             decimal = len(row) == 2 * len(header) and "," in lines[number]
+            decimal |= any(map(DECIMAL_COMMA.fullmatch, re.split(r"[;\s]+", lines[number])))
             raise InvalidFileError(
                 f"{path}: row {number} has {len(row)} cells, its header has {len(header)}"
                 + (": write numbers with a decimal point, not a comma" if decimal else ""),
@@ -115,6 +119,8 @@ def cell_number(path: Path, cell: str, row: int, name: str) -> float:
         message = f"{path}: row {row} has '{cell}' for {name}, where a number is needed"
         if DECIMAL_COMMA.fullmatch(cell):
             message += " (this is a decimal comma): write numbers with a decimal point"
+        elif _DATE.search(cell):
+            message += " (this is a date or a time of day): write seconds"
         raise InvalidFileError(message, path=path) from None
 
 

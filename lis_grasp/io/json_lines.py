@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.limits import MEBIBYTE, reading
+from lis_grasp.io.limits import MEBIBYTE, ReadError, reading
 
 Row = dict[str, Any]
 
@@ -29,7 +29,7 @@ def read_lines(path: Path) -> tuple[Row, list[Row]]:
         lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
         rows = [json.loads(line) for line in lines if line.endswith("\n")]
         if not all(isinstance(row, dict) for row in rows):
-            raise ValueError("a line is another value")
+            raise ReadError("a line is another value")
     return (rows[0], rows[1:]) if rows else ({}, [])
 
 

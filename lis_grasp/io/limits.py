@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
+from xml.etree import ElementTree
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +34,7 @@ MOST_NODES = 50_000
 MOST_CHARACTERS = 10_000
 """Length of a value of a YAML file: PyYAML reads 1:59:59:... in the square of it."""
 
+_QUOTED = 60  # letters of a line in a message
 _PLY_HEADER = 65_536  # bytes
 _PLY_ELEMENT = re.compile(rb"^element[ \t]+(\S+)[ \t]+(\d{1,18})", re.MULTILINE)
 _ARRAY_HEADERS = {
@@ -58,6 +60,41 @@ def require_file_size(path: Path, most: int) -> None:
         )
 
 
+class ReadError(ValueError):
+    """Why a file cannot be read, in words for its user, and what cures that, if anything does."""
+
+    def __init__(self, reason: str, cure: str = "") -> None:
+        super().__init__(reason)
+        self.cure = cure
+
+
+def reason_of(error: Exception, kind: str) -> str:
+    """Return why a reader failed in words for its user: a library's own are never repeated."""
+    if isinstance(error, ReadError):
+        return str(error)
+    if isinstance(error, UnicodeDecodeError):
+        return "it is not UTF-8 text"
+    if isinstance(error, RecursionError):
+        return "its values are nested too deeply"
+    if isinstance(error, zipfile.BadZipFile):
+        return "it is no ZIP archive, or cut off"
+    mark = getattr(error, "problem_mark", None)  # of YAML; lineno is of JSON
+    line = getattr(error, "lineno", None) if mark is None else mark.line + 1
+    if isinstance(error, ElementTree.ParseError):
+        line = error.position[0]
+    if line:
+        lines = (getattr(mark, "buffer", None) or "").rstrip("\0").splitlines()[line - 1 : line]
+        quoted = f", {lines[0].strip()[:_QUOTED]!r}," if lines and lines[0].strip() else ""
+        if isinstance(error, yaml.constructor.ConstructorError):
+            return f"line {line}{quoted} has a key or a tag that is not read"
+        return f"line {line}{quoted} is no {kind}, or it is cut off there"
+    if found := re.search(r"to float: b?'(.*)'|base 10: '(.*)'", str(error)):
+        return f"it has {shown(found[1] or found[2])} where a number is needed"
+    if isinstance(error, KeyError) and str(error.args[0]).isidentifier():
+        return f"it lacks {error.args[0]}"
+    return f"it is damaged, or no {kind}"
+
+
 @contextmanager
 def reading(
     path: Path, kind: str, *, most: int = MOST_UNPACKED, advice: str = "write it again"
@@ -76,10 +113,8 @@ def reading(
         message = f"cannot read {path}: {error.strerror or error}"
         raise InvalidFileError(message, path=path) from None
     except Exception as error:  # noqa: BLE001
-        reason = " ".join(str(error).split()) or type(error).__name__
-        if isinstance(error, UnicodeDecodeError):
-            reason = "it is not UTF-8 text"
-        message = f"{path} cannot be read as {kind} ({reason}): {advice}"
+        cure = getattr(error, "cure", "") or advice
+        message = f"{path} cannot be read as {kind} ({reason_of(error, kind)}): {cure}"
         raise InvalidFileError(message, path=path) from None
 
 
@@ -91,17 +126,17 @@ def announced_rows(path: Path) -> dict[str, int]:
     with path.open("rb") as file:
         head = file.read(_PLY_HEADER).partition(b"end_header")[0]
     if not head.startswith(b"ply"):
-        raise ValueError("it does not begin with ply")
+        raise ReadError("it does not begin with ply")
     rows = {name.decode("ascii", "replace"): int(n) for name, n in _PLY_ELEMENT.findall(head)}
     if sum(rows.values()) > path.stat().st_size:
-        raise ValueError(f"it announces {sum(rows.values())} rows, more than it has bytes")
+        raise ReadError(f"it announces {sum(rows.values())} rows, more than it has bytes")
     return rows
 
 
 def require_small_archive(members: Iterable[zipfile.ZipInfo]) -> None:
     """Raise ValueError for members of an archive that unpack to more than 256 MiB."""
     if sum(member.file_size for member in members) > MOST_UNPACKED:
-        raise ValueError(f"it unpacks to more than {MOST_UNPACKED // MEBIBYTE} MiB")
+        raise ReadError(f"it unpacks to more than {MOST_UNPACKED // MEBIBYTE} MiB")
 
 
 def read_arrays(path: Path, names: Sequence[str]) -> list[npt.NDArray[Any]]:
@@ -144,14 +179,14 @@ def _require_announced_array(packed: IO[bytes], size: int) -> None:
     try:
         version = np.lib.format.read_magic(packed)
     except ValueError:
-        raise ValueError("it is no array of NumPy") from None
+        raise ReadError("it is no array of NumPy") from None
     if version not in _ARRAY_HEADERS:
-        raise ValueError(f"an array has the unknown format {version}")
+        raise ReadError(f"an array has the unknown format {version}")
     shape, _, dtype = _ARRAY_HEADERS[version](packed)
     if dtype.hasobject:
-        raise ValueError("an array has Python objects, which are not read")
+        raise ReadError("an array has Python objects, which are not read")
     if math.prod(shape) * max(dtype.itemsize, 1) > size:
-        raise ValueError("an array announces more than it has")
+        raise ReadError("an array announces more than it has")
 
 
 class _LimitedLoader(yaml.SafeLoader):
@@ -169,7 +204,7 @@ class _LimitedLoader(yaml.SafeLoader):
         """Return the next scalar; see `yaml.composer.Composer`."""
         node: yaml.ScalarNode = super().compose_scalar_node(anchor)
         if len(node.value) > MOST_CHARACTERS:
-            raise ValueError(f"a value has more than {MOST_CHARACTERS} characters")
+            raise ReadError(f"a value has more than {MOST_CHARACTERS} characters")
         return node
 
 
@@ -195,7 +230,7 @@ def parse_yaml(text: str) -> Any:
 def _count_nodes(node: yaml.Node, counts: dict[yaml.Node, int], around: set[yaml.Node]) -> int:
     """Return the number of nodes in a node, aliases expanded; ValueError beyond the limit."""
     if node in around:
-        raise ValueError("an alias is inside of its own anchor")
+        raise ReadError("an alias is inside of its own anchor")
     if node not in counts:
         around.add(node)
         parts = node.value if isinstance(node, yaml.CollectionNode) else []
@@ -210,11 +245,11 @@ def _count_nodes(node: yaml.Node, counts: dict[yaml.Node, int], around: set[yaml
 
 def _require_few(count: int) -> None:
     if count > MOST_NODES:
-        raise ValueError(f"it has more than {MOST_NODES} values, those of aliases included")
+        raise ReadError(f"it has more than {MOST_NODES} values, those of aliases included")
 
 
 def _require_unique_keys(node: yaml.MappingNode) -> None:
     keys = Counter((key.tag, key.value) for key, _ in node.value if key.tag.endswith(":str"))
     for (_, key), count in keys.items():
         if count > 1:
-            raise ValueError(f"the key {shown(key)} occurs {count} times in one mapping")
+            raise ReadError(f"the key {shown(key)} occurs {count} times in one mapping")

@@ -24,7 +24,8 @@ from lis_grasp.io._mesh_archives import plain_dae, read_3mf
 from lis_grasp.io._mesh_text import plain_obj, read_off, read_ply_polygons, read_stl
 from lis_grasp.io._polygons import as_triangles
 from lis_grasp.io.content_kinds import named_by_content, require_kind
-from lis_grasp.io.limits import MEBIBYTE, announced_rows, reading
+from lis_grasp.io.limits import MEBIBYTE, ReadError, announced_rows, reading
+from lis_grasp.io.units import require_resolved
 from lis_grasp.typing import FloatArray, IntArray
 
 TO_Z_UP: Mapping[str, FloatArray] = MappingProxyType(
@@ -59,11 +60,14 @@ class MeshFile:
         Length of the unit that the file or its format states [m]; None if it does not.
     up
         Axis that the file or its format states to point up, "x", "y" or "z"; None if it does not.
+    is_cut
+        Whether a text STL ends without ``endsolid``.
     """
 
     mesh: trimesh.Trimesh
     metres: float | None = None
     up: str | None = None
+    is_cut: bool = False
 
 
 def read_mesh(
@@ -102,14 +106,15 @@ def read_mesh(
     kind, most = ending[1:].upper(), _MOST_BYTES
     with named_by_content(path), reading(path, kind, most=most, advice="export it again"):
         if not path.stat().st_size:
-            raise ValueError("it is empty")
+            raise ReadError("it is empty")
         with warnings.catch_warnings():
             # Warnings about textures and colours do not matter here.
             warnings.simplefilter("ignore")
             read = _read(path, ending, merge, materials)
         for array in (read.mesh.vertices, read.mesh.faces):
             if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
-                raise ValueError("its rows are not of three numbers")
+                raise ReadError("its rows are not of three numbers")
+        require_resolved(path, np.asarray(read.mesh.vertices))
         if not len(read.mesh.faces):
             require_kind(path)
         return read
@@ -118,7 +123,8 @@ def read_mesh(
 def _read(path: Path, ending: str, merge: bool, materials: bool) -> MeshFile:
     match ending:
         case ".stl":
-            return MeshFile(_mesh(*read_stl(path), merge))
+            triangles, is_cut = read_stl(path)
+            return MeshFile(_mesh(*triangles, merge), is_cut=is_cut)
         case ".off":
             vertices, polygons = read_off(path)
             return MeshFile(_mesh(vertices, as_triangles(vertices, polygons), merge))
@@ -132,7 +138,7 @@ def _read(path: Path, ending: str, merge: bool, materials: bool) -> MeshFile:
             try:
                 mesh = _load(path, content, merge, materials)
             except IndexError:
-                raise ValueError("a face names a vertex, or a normal, that it lacks") from None
+                raise ReadError("a face names a vertex, or a normal, that it lacks") from None
             return MeshFile(_complete(mesh, announced))
         case ".dae":
             content, unit, up = plain_dae(path.read_bytes())
@@ -145,7 +151,7 @@ def _read(path: Path, ending: str, merge: bool, materials: bool) -> MeshFile:
 def _complete(mesh: trimesh.Trimesh, announced: int) -> trimesh.Trimesh:
     """Return a mesh; raise ValueError if it has not all triangles that its file announces."""
     if len(mesh.faces) != announced:
-        raise ValueError(f"it announces {announced} triangles; {len(mesh.faces)} could be read")
+        raise ReadError(f"it announces {announced} triangles; {len(mesh.faces)} could be read")
     return mesh
 
 

@@ -88,7 +88,9 @@ def load_surface(path: Path | str) -> trimesh.Trimesh:
 
 def no_faces_error(path: Path) -> InvalidFileError:
     """Return the error of a file without faces where a mesh is needed."""
-    advice = "export it as triangles, or its points as .ply for `lis-grasp estimate`"
+    advice = (
+        "export it as triangles or, if it is a scan, its points as .ply for `lis-grasp estimate`"
+    )
     if path.suffix.lower() in POINT_FORMATS:
         advice = f"if it has points, `lis-grasp estimate {path}` makes a surface from them"
     return InvalidFileError(f"{path} has no faces, and a mesh is needed: {advice}", path=path)

@@ -28,6 +28,9 @@ SMALLEST, LARGEST = 0.005, 2.0
 _LEAST_EXTENT = 1e-3
 # Largest extent of an object that a unit is proposed for [m].
 _GRASPABLE = 0.5
+# Distance of single-precision numbers, as a fraction of the extent, that distorts a shape, and a
+# number that they can still hold.
+_COARSEST, _FARTHEST_SINGLE = 0.005, 1e30
 # Fields of contacts that are lengths.
 _LENGTHS = ("points", "free_points", "free_radii", "position_noise")
 
@@ -72,6 +75,25 @@ def in_metres(path: Path, fields: dict[str, Any], units: str | None) -> tuple[di
         note(f"{path}: in {stated}, as its columns state")
     lengths = [name for name in _LENGTHS if metres != 1.0 and fields.get(name) is not None]
     return fields | {name: metres * fields[name] for name in lengths}, unit_name(metres)
+
+
+def require_resolved(path: Path, points: FloatArray) -> None:
+    """Raise `InvalidFileError` if points (N, 3) of single precision are too far off for their size.
+
+    A box of 50 mm that is 10 km from the origin has its vertices 1 mm apart, or at one place.
+    """
+    farthest = float(np.abs(points).max(initial=0.0))
+    if not 0.0 < farthest < _FARTHEST_SINGLE:
+        return
+    extent = float(np.ptp(points, axis=0).max())
+    step = float(np.spacing(np.float32(farthest)))
+    if step > _COARSEST * extent > 0.0 and (points == points.astype(np.float32)).all():
+        raise InvalidFileError(
+            f"{path} is {farthest:.3g} from the origin, where its numbers of single precision are"
+            f" {step:.2g} apart, too far for an extent of {extent:.2g}: move it to the origin"
+            " in the program that made it",
+            path=path,
+        )
 
 
 def require_plausible_size(points: FloatArray, units: str, least: float = _LEAST_EXTENT) -> None:

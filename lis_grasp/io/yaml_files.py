@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from lis_grasp.io.limits import MEBIBYTE, parse_yaml, reading
+from lis_grasp.io.limits import MEBIBYTE, ReadError, parse_yaml, reading
 
 YAML_SUFFIXES = (".yaml", ".yml")
 """Endings of YAML files."""
@@ -69,8 +69,8 @@ def read_yaml(path: Path) -> Any:
         text = path.read_text(encoding="utf-8")
         try:
             return parse_yaml(text)
-        except _MISFITS as error:
-            raise ValueError(f"a value does not fit its tag ({error})") from None
+        except _MISFITS:
+            raise ReadError("a value does not fit its tag") from None
 
 
 def is_plain_text(text: str) -> bool:

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.io.content_kinds import named_by_content
 from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.logs._csv_log import CsvLog
 from lis_grasp.logs._streams import (
@@ -162,8 +163,8 @@ class BagLog:
                 for connection, nanoseconds, raw in reader.messages(connections):
                     message = reader.deserialize(raw, connection.msgtype)
                     yield _stamp(message) or 1e-9 * nanoseconds, message
-            except Exception as error:  # noqa: BLE001 - a damaged bag raises anything
-                raise self._damaged(error) from None
+            except Exception:  # noqa: BLE001 - a damaged bag raises anything
+                raise self._damaged() from None
 
     def _reader(self) -> Any:
         with needed_package("rosbags", "ros", option=str(self._path)):
@@ -173,13 +174,21 @@ class BagLog:
             store = get_typestore(Stores.ROS2_HUMBLE)
             reader = AnyReader([self._path], default_typestore=store)
             reader.open()
-        except Exception as error:  # noqa: BLE001 - a damaged bag raises anything
-            raise self._damaged(error) from None
+        except Exception:  # noqa: BLE001 - a damaged bag raises anything
+            raise self._damaged() from None
         return closing(reader)
 
-    def _damaged(self, error: Exception) -> InvalidFileError:
-        message = f"{self._path} cannot be read as a ROS bag or MCAP file of ROS messages ({error})"
-        return InvalidFileError(message, path=self._path)
+    def _damaged(self) -> InvalidFileError:
+        reason, cure = "it is damaged, or of another format", "record or download it again"
+        if self._path.is_dir() and not (self._path / "metadata.yaml").is_file():
+            reason, cure = (
+                "it has no metadata.yaml",
+                "`ros2 bag reindex` writes one for a ROS 2 bag",
+            )
+        elif self._path.is_file() and not self._path.stat().st_size:
+            reason = "it is empty"
+        message = f"{self._path} cannot be read as a ROS bag or MCAP file of ROS messages"
+        return InvalidFileError(f"{message} ({reason}): {cure}", path=self._path)
 
 
 def _short(kind: str) -> str:
@@ -228,7 +237,8 @@ def open_log(path: Path, *, posed: bool = True) -> RobotLog:
     if ending == ".csv":
         return CsvLog(path, posed=posed)
     if path.is_dir() or ending in (".bag", ".mcap", ".db3"):
-        return BagLog(path)
+        with named_by_content(path):
+            return BagLog(path)
     raise InvalidFileError(
         "logs end in .bag, .mcap, .db3 or .csv, or are folders of ROS 2, and tactile patches end in"
         f" .npz; {path} is none of these",

@@ -15,6 +15,7 @@ import yourdfpy
 from lis_grasp.exceptions import InvalidHandError, LisGraspError
 from lis_grasp.geometry import unit
 from lis_grasp.robots._description import DescriptionEdits, apply_edits, parse_description
+from lis_grasp.robots._urdf import naming
 from lis_grasp.robots.inertias import (
     LEAST_MASS,
     impossible_inertias,
@@ -73,11 +74,9 @@ def build_model(
     missing or unreadable, `InvalidHandError` if the tree cannot be used: a loop, several roots,
     missing limits or masses.
     """
-    try:
-        edits = edits or DescriptionEdits()
+    edits = edits or DescriptionEdits()
+    with naming(path):
         return _Builder(apply_edits(robot, edits), path, edits).model()
-    except InvalidHandError as error:
-        raise InvalidHandError(f"{path.name}: {error}", file=path.name, key=error.key) from None
 
 
 class _Builder:

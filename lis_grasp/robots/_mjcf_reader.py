@@ -16,6 +16,7 @@ from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.geometry import inverse_pose, make_pose
 from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.robots._mjcf_couplings import Couplings, kind_of, name_of
+from lis_grasp.robots._urdf import naming
 from lis_grasp.robots.inertias import LEAST_MASS, small_ball
 from lis_grasp.robots.link_bodies import Capsule, GivenMesh
 from lis_grasp.robots.model_uri import resolve_uri
@@ -47,10 +48,8 @@ def parse_mjcf(path: Path) -> yourdfpy.Robot:
         if missing := re.search(r"opening file '([^']+)'", reason):
             resolve_uri(missing[1], path.parent, path.name)  # names a file in other letters
         raise InvalidFileError(f"MuJoCo cannot read {path}: {reason}", path=path) from None
-    try:
+    with naming(path):
         return _Reader(model, path).robot()
-    except InvalidHandError as error:
-        raise InvalidHandError(f"{path.name}: {error}", file=path.name) from None
 
 
 class _Reader:

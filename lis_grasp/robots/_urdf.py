@@ -7,7 +7,7 @@ import io
 import re
 import xml.etree.ElementTree as ET
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
 
@@ -17,7 +17,7 @@ import yourdfpy
 from defusedxml import DefusedXmlException
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
-from lis_grasp.io.limits import MEBIBYTE, require_file_size
+from lis_grasp.io.limits import MEBIBYTE, reason_of, require_file_size
 from lis_grasp.robots.model_uri import package_folders
 
 _MOST_BYTES = 64 * MEBIBYTE  # of a URDF, SDF or MJCF that is read
@@ -33,25 +33,48 @@ _OTHER_FILES = (
 )
 
 
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put a file's name before the message of an `InvalidHandError` that names none."""
+    try:
+        yield
+    except InvalidHandError as error:
+        if error.file:
+            raise
+        raise InvalidHandError(f"{path.name}: {error}", file=path.name, key=error.key) from None
+
+
 def parse_urdf(root: ET.Element, path: Path) -> yourdfpy.Robot:
     """Return the links and joints that a URDF describes, unchecked."""
     # yourdfpy logs a syntax error and reads on; a hand that is half read must be refused.
     for kind in ("link", "joint"):
         require_unique_names(root.findall(kind), path)
+        for element in root.findall(kind):
+            _require_complete(element, path.name)
     text = io.BytesIO(ET.tostring(root))
     try:
         with np.errstate(all="ignore"):  # poses are checked one by one
             urdf = yourdfpy.URDF.load(text, build_scene_graph=False, load_meshes=False)
     # On descriptions of another structure yourdfpy raises errors of a dozen built-in types.
     except Exception as error:  # noqa: BLE001
-        reason = " ".join(str(error).split()) or type(error).__name__
-        if found := re.search("string to float: '(.*)'", reason):
-            reason = (
-                f"'{found[1]}' is no number: write numbers with a decimal point, and blanks between"
-            )
+        reason = reason_of(error, "URDF")
+        if "number is needed" in reason:
+            reason += ": write numbers with a decimal point, and blanks between"
         message = f"{path.name} is not a URDF that can be read: {reason}"
         raise InvalidHandError(message, file=path.name) from None
     return urdf.robot
+
+
+def _require_complete(owner: ET.Element, file: str) -> None:
+    """Raise `InvalidHandError` if a link or a joint lacks what yourdfpy takes for granted."""
+    ends = ("parent", "child") if owner.tag == "joint" else ()
+    missing = [f"<{end}>" for end in ends if owner.find(end) is None]
+    missing += ["a shape in <geometry>" for each in owner.iter("geometry") if not len(each)]
+    triples = [(n, e.get(n)) for e in owner.iter() for n in ("xyz", "rpy")]
+    missing += [f"three numbers in {n}='{t}'" for n, t in triples if t and len(t.split()) != 3]
+    if missing:
+        named = f"the {owner.tag} '{owner.get('name', '')}'"
+        raise InvalidHandError(f"{file}: {named} lacks {', '.join(missing)}", file=file)
 
 
 def require_unique_names(elements: Iterable[ET.Element], path: Path) -> None:
@@ -100,9 +123,9 @@ def _expand_macros(path: Path) -> ET.Element:
             return ET.fromstring(xacro.process_file(str(path)).toxml())
     # xacro raises errors of many types for what it cannot evaluate.
     except Exception as error:  # noqa: BLE001
-        reason = " ".join(str(error).split()) or type(error).__name__
         raise InvalidHandError(
-            f"{path.name} has xacro macros that cannot be expanded: {reason}", file=path.name
+            f"{path.name} has macros that xacro cannot expand: {' '.join(str(error).split())}",
+            file=path.name,
         ) from None
     finally:
         functions["_eval_find"] = installed
@@ -132,7 +155,7 @@ def parse_xml(path: Path) -> ET.Element:
     except DefusedXmlException:
         raise InvalidFileError(f"{path} must not declare XML entities", path=path) from None
     except (ET.ParseError, LookupError, ValueError) as error:
-        reason = _reason(text, str(error))
+        reason = _reason(text, error)
         raise InvalidFileError(f"{path} is not valid XML: {reason}", path=path) from None
     return _expand_macros(path) if _has_macros(root) else root
 
@@ -144,18 +167,20 @@ def _require_no_other_file(text: bytes, path: Path) -> None:
             raise InvalidFileError(f"{path} must be a URDF, SDF or MJCF; it is {kind}", path=path)
 
 
-def _reason(text: bytes, error: str) -> str:
-    """Return why an XML text is not valid, in other words than the parser's if they are clearer."""
+def _reason(text: bytes, error: Exception) -> str:
+    """Return why an XML text is not valid, and what to do."""
     if any(b"--" in comment for comment in re.findall(rb"<!--(.*?)-->", text, re.DOTALL)):
-        return f"a comment must not contain '--' ({error})"
+        return "a comment must not contain '--'"
     try:
         text.decode("utf-8")
     except UnicodeDecodeError:
         if b"encoding" not in text[:_START]:
-            return f"its letters are not in UTF-8: save it as UTF-8 ({error})"
-    if "no element found" in error or "unclosed" in error:
-        return f"it is cut off: download or export it again ({error})"
-    return error
+            return "its letters are not in UTF-8: save it as UTF-8"
+    if "no element found" in str(error) or "unclosed" in str(error):
+        return "it is cut off: download or export it again"
+    if "unbound prefix" in str(error):
+        return "it has a name whose prefix it does not declare"
+    return reason_of(error, "XML")
 
 
 def _with_prefixes(text: bytes) -> bytes:

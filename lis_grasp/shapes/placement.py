@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.geometry import apply_pose, make_pose, require_pose, unit
-from lis_grasp.io.limits import MEBIBYTE, reading
+from lis_grasp.io.limits import MEBIBYTE, ReadError, reading
 from lis_grasp.shapes.shape import Shape
 from lis_grasp.typing import FloatArray, Seed
 
@@ -146,13 +146,13 @@ def _load_pose(path: Path) -> FloatArray:
     with reading(path, "a pose", most=MEBIBYTE, advice=advice):
         pose = np.loadtxt(path, ndmin=2)
         if pose.shape != (4, 4) or not np.isfinite(pose).all():
-            raise ValueError(f"it has an array {pose.shape}")
+            raise ReadError(f"it has an array {pose.shape}")
         rotation = pose[:3, :3]
         off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
         if off > _ROTATION_ERROR or np.linalg.det(rotation) < 0.0:
-            raise ValueError("its rotation is not orthonormal and right-handed")
+            raise ReadError("its rotation is not orthonormal and right-handed")
         if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 0.0:
-            raise ValueError("its last row is not 0 0 0 1")
+            raise ReadError("its last row is not 0 0 0 1")
     pose[:3, :3] = Rotation.from_matrix(rotation).as_matrix()  # the nearest rotation
     return np.asarray(pose)
 

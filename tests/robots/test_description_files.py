@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from lis_grasp.exceptions import LisGraspError
+from lis_grasp.exceptions import InvalidHandError, LisGraspError
 from lis_grasp.robots._build_model import read_description
+from lis_grasp.robots.draft.pipeline import draft_hand
 from lis_grasp.robots.model_uri import resolve_uri
 
 BOX = '<geometry><box size="0.1 0.02 {height}"/></geometry>'
@@ -126,8 +127,16 @@ def test_a_description_is_known_by_its_content(name: str, text: str, tmp_path: P
         (urdf(limit='<limit lower="0" effort="1"/>'), "upper limit; the file gives one of them"),
         (urdf(limit='<limit lower="0" upper="1"/>'), "effort above 0; the file gives none"),
         (urdf(body=BOX.format(height=60)), r"the longest body .* 'base' with 60 m.* scale 0\.001"),
-        (urdf(limit=LIMIT.replace("0.04", "0,04")), "'0,04' is no number: .* decimal point"),
+        (
+            urdf(limit=LIMIT.replace("0.04", "0,04")),
+            "has '0,04' where a number is needed: .* decimal point",
+        ),
         (urdf()[:300], "it is cut off: download or export it again"),
+        (urdf().replace('<parent link="base"/>', ""), "joint 'left' lacks <parent>"),
+        (urdf(body="<geometry/>"), "link 'base' lacks a shape"),
+        (urdf().replace('xyz="1 0 0"', 'xyz="1 0"'), "'left' lacks three numbers in xyz='1 0'"),
+        (urdf(body="<geometry><sphere/></geometry>"), "it lacks radius"),
+        (urdf() + "<more/>", "line 3 is no XML"),
         ("<robot name='grip'/>", "there must be links; there are none"),
         (urdf().replace('child link="left_tip"', 'child link="tip"'), "'left' joins 'tip', which"),
         (urdf().replace('parent link="base"', 'parent link="left_tip"'), "base, right_tip|loop"),
@@ -187,3 +196,19 @@ def test_xacro_finds_packages_beside_it_without_ros(tmp_path: Path) -> None:
     path.write_text(text)
     with pytest.raises(LisGraspError, match="no folder 'nobodys_description'"):
         read_description(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (urdf(mimics=("left", "")), "left mimics itself"),
+        (urdf(), "fingertips left_tip and right_tip are at one place"),
+        (SDF, "only tip moves, and no body of base is opposite to it"),
+    ],
+)
+def test_what_cannot_be_drafted_is_said_of_the_file(text: str, reason: str, tmp_path: Path) -> None:
+    path = tmp_path / "hand.urdf"
+    path.write_text(text)
+    with pytest.raises(InvalidHandError, match=rf"^hand\.urdf: .*{reason}") as caught:
+        draft_hand(path, name="hand", rng=np.random.default_rng(0))
+    assert caught.value.file == "hand.urdf"

@@ -154,7 +154,7 @@ def test_a_mimic_joint_of_sdf_is_coupled_about_its_reference(tmp_path: Path) -> 
         ),
         ("collision", "light", "must give links collision bodies"),
         ('mimic joint="bend"', 'mimic joint="curl"', "curl mimics itself"),
-        ("<sdf ", '<sdf odd:key="1" ', "not valid XML: unbound prefix"),
+        ("<sdf ", '<sdf odd:key="1" ', "a name whose prefix it does not declare"),
     ],
 )
 def test_a_mistake_in_the_sdf_is_named(old: str, new: str, message: str, tmp_path: Path) -> None:

@@ -191,7 +191,7 @@ def hand_files(folder: Path, group: str) -> tuple[Path, Path]:
         ("urdf", '<mass value="1.032"/>', '<mass value="nan"/>', "finite moments"),
         ("urdf", 'ixx="6.628e-04"', 'ixx="inf"', "finite moments"),
         ("urdf", '<origin xyz="0 0 -0.03625"/>', '<origin xyz="0 nan 0"/>', "must be finite"),
-        ("urdf", '<sphere radius="0.006"/>', "", "not a URDF that can be read"),
+        ("urdf", '<sphere radius="0.006"/>', "", "'left_tip' lacks a shape in <geometry>"),
         ("urdf", "body.stl", "a" * 5000, "is no file"),
         ("sdf", "<mass>0.2</mass>", "<mass>inf</mass>", "finite moments"),
         ("sdf", "<pose>-0.03 0", "<pose>inf 0", "must have finite numbers"),

@@ -26,6 +26,11 @@ def block(
     return mesh
 
 
+_DAE = b"<COLLADA><scene/><float_array count='6'>%b</float_array></COLLADA>"
+_PLY = (
+    b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    b"property float z\nend_header\n"
+)
 VOLUME = 0.04 * 0.06 * 0.08
 
 
@@ -386,7 +391,7 @@ def test_scans_come_out_closed_and_hardly_changed() -> None:
         ("part.ply", b"not a ply file at all", "cannot be read as PLY"),
         ("part.obj", b"nothing of use\n", "cannot be read as OBJ|has no faces"),
         ("part.off", b"OFF\n1 0", "cannot be read as OFF|has no faces"),
-        ("part.gltf", b"{}", "cannot be read as GLTF|has no faces"),
+        ("part.gltf", b"{}", "must follow glTF 2.0"),
         ("part.glb", b"rubbish of some length, longer than a header", "cannot be read as GLB"),
         (
             "cloud.ply",
@@ -402,13 +407,24 @@ def test_scans_come_out_closed_and_hardly_changed() -> None:
         ("part.obj", b"v 0 0 0\nv .1 0 0\nv 0 .1 0\nf 0 1 2\n", "index 0, and OBJ counts from 1"),
         ("part.obj", b"v 0 0 zero\nv .1 0 0\nv 0 .1 0\nf 1 2 3\n", "'v 0 0 zero' is a vertex that"),
         ("part.obj", b"\0" * 84, "it is binary"),
-        ("part.obj", b"v 0 0 0\nv .1 0 0\n", "has no faces.*or its points as .ply"),
+        ("part.obj", b"v 0 0 0\nv .1 0 0\n", "has no faces.*if it is a scan, its points as .ply"),
         ("part.stl", b"\0" * 60, "has 60 bytes, fewer than the start"),
         ("part.stl", b"print(1)\n", "text without facets"),
         ("part.stl", b"# of a program\nv 0 0 0\n", "is an OBJ file: name it .obj"),
         ("part.glb", b'{"asset": {"version": "2.0"}}', "a glTF of text: name it .gltf"),
-        ("part.gltf", b'{"asset"', "no JSON, or cut off"),
-        ("part.dae", b"<COLLADA><asset>", "no XML, or cut off"),
+        ("part.gltf", b'{"asset"', "line 1 is no JSON, or it is cut off"),
+        ("part.dae", b"<COLLADA><asset>", "line 1 is no XML, or it is cut off"),
+        ("part.dae", _DAE % b"1 2 3", "announces 6 numbers, and has 3"),
+        ("part.dae", _DAE % b"1 2 3 4 5 six", "has 'six' where a number is needed"),
+        (
+            "part.obj",
+            b"v 0 0 0\nv .1 0 0\nv 0 .1 0\nf 1 2 3\nf 1 2",
+            "'f 1 2' has fewer than three",
+        ),
+        ("part.ply", b"ply\nformat asci 1.0\nend_header\n", "line 2 of its header is no PLY"),
+        ("part.ply", _PLY + b"0 0 0\n.1 0 zero\n", "row 2 of its 3 rows of vertex is not as"),
+        ("part.off", b"OFF\n1 0 0\n0 0 zero\n", "has 'zero' where a number is needed"),
+        ("part.gltf", b'{"asset": {"version": "1.0"}}', "of version 1.0.*: export it as glTF 2.0"),
     ],
 )
 def test_a_file_without_a_surface_is_refused(
@@ -420,6 +436,31 @@ def test_a_file_without_a_surface_is_refused(
         shapes.load(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kept", [0.5, 1.0])
+def test_a_text_of_stl_without_its_end_is_read_and_that_is_said(
+    tmp_path: Path, kept: float
+) -> None:
+    text, path = trimesh.exchange.stl.export_stl_ascii(block()), tmp_path / "cut.stl"
+    facets = text.split("endfacet")
+    path.write_text("endfacet".join(facets[: round(12 * kept)]) + "endfacet\n")
+    shape = shapes.load(path)
+    assert "no `endsolid`: if a download stopped, repeat it" in shape.repairs[0]
+    assert len(shape.repairs) == (1 if kept == 1.0 else 2)  # and the hole that is closed
+
+
+@pytest.mark.parametrize("ending", [".stl", ".ply", ".glb"])
+def test_single_precision_that_distorts_an_object_far_from_the_origin_is_said(
+    tmp_path: Path, ending: str
+) -> None:
+    # Steps are 8e-6 m at 100 m, and 1e-3 m at 10 km; 0.5 % of 0.08 m are 4e-4 m.
+    near, far = (tmp_path / f"{name}{ending}" for name in ("near", "far"))
+    assert shapes.load(write(block(at=(100.0, 0.0, 0.0)), near)).mesh.volume == pytest.approx(
+        VOLUME, rel=3 * 8e-6 / 0.04
+    )
+    with pytest.raises(InvalidFileError, match=r"far.* single precision are 0\.00098 apart"):
+        shapes.load(write(block(at=(1e4, 0.0, 0.0)), far))
 
 
 @pytest.mark.parametrize("last", ["endloop", "vertex"])

@@ -163,9 +163,11 @@ def test_a_cloud_and_fingertip_centres_are_joined(centers: FloatArray, tmp_path:
         ("a.csv", "x,y,z,ax,ay\n1,2,3,0,1\n", "lacks az"),
         ("a.off", "OFF\n0 0 0\n", "a.off "),
         ("a.off", "no points", "a.off "),
-        ("a.xyz", "1 2\n", "row 1 has 2 numbers"),
+        ("a.xyz", "1 2\n", "row 1 has 2 of the 3 numbers"),
         ("a.xyz", "0.1,,0.3,255\n", "has no points: all 1 rows are nan or blank"),
         ("a.xyz", "0,5 1,0 2,0\n", "decimal comma"),
+        ("a.xyz", "0,5;1,0;2,0\n", "decimal comma"),
+        ("a.xyz", "x;y;colour\n1;2;3\n", "has 'x' for x, where a number"),
         ("a.pts", "3\n0 0 0\n", "announces 3 points, and has 1"),
         ("a.npy", "", "a.npy cannot be read as NPY"),
         ("a.xyz", "# nothing\n", "a.xyz has no points"),
@@ -335,6 +337,19 @@ def test_rows_without_a_contact_are_left_out_and_counted(
     np.testing.assert_allclose(contacts.points, np.delete(_ROWS, [2, 7], axis=0)[:, :3])
 
 
+@pytest.mark.parametrize("mark", [";", " ", ","])
+def test_points_in_rows_may_be_separated_by_any_mark_and_radii_without_a_kind_are_noted(
+    mark: str, tmp_path: Path
+) -> None:
+    head = mark.join([*"xyz", "nx", "ny", "nz", "radius"])
+    radii = np.full((len(_ROWS), 1), 0.02)
+    (tmp_path / "a.xyz").write_text(_text("", _ROWS, mark))
+    (tmp_path / "a.csv").write_text(_text(head, np.hstack([_ROWS, radii]), mark))
+    np.testing.assert_allclose(load_contacts(tmp_path / "a.xyz").points, _ROWS[:, :3])
+    with pytest.warns(LisGraspWarning, match="radius is not used"):
+        load_contacts(tmp_path / "a.csv")
+
+
 def test_the_command_prints_what_was_left_out(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -349,6 +364,9 @@ def test_the_command_prints_what_was_left_out(
     [
         (b"x;y;z\n0,1;0,2;0,3\n", "decimal comma"),
         (b"x,y,z\n0,1,0,2,0,3\n", "decimal point, not a comma"),
+        (b"x,y,z\n0,1;0,2;0,3\n", "decimal point, not a comma"),
+        (b"x y z\n0,1 0,2 0,3\n", "decimal point, not a comma"),
+        (b"time,x,y,z\n2026-11-26T03:00,1,2,3\n", "a date or a time of day.: write seconds"),
         (_text("").encode().strip(), "begins with numbers"),
         ("x,y,z\n1,2,3\n".encode("utf-16"), "UTF-16"),
         ("x,y,z,finger\n1,2,3,M\xfc\n".encode("latin-1"), "not UTF-8"),

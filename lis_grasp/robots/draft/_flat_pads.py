@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.geometry import angle_between, apply_inverse, apply_pose, rotate, unit
 from lis_grasp.records import read_only
 from lis_grasp.robots.draft._structure import Finger, FingerBody, link_points
@@ -86,6 +87,11 @@ class _Gripper:
         The ways are unit vectors (3,) in the frames of the tips' links.
         """
         q = self.opened()
+        if not self.gap_vector(q).any():
+            names = " and ".join(finger.link for finger in self._fingers)
+            raise InvalidHandError(
+                f"the fingertips {names} are at one place, so that nothing fits in"
+            )
         poses, closing = self.poses(q), self.closing_direction(q)
         turns = [poses[finger.link][:3, :3].T for finger in self._fingers]
         towards = [sign * R_LB @ closing for R_LB, sign in zip(turns, (1.0, -1.0), strict=True)]

@@ -174,7 +174,7 @@ def _jaws(model: RobotModel, groups: Mapping[str, str], moving: Finger) -> list[
     length = float(np.linalg.norm(arm_L))
     least = length - min(_JAW_END, 0.5 * length)  # along the finger, from its joint
     found: list[tuple[float, Finger]] = []
-    for end in (model.lower, model.upper):
+    for end in (model.lower, model.upper) if own and length else ():
         q = np.clip(0.0, model.lower, model.upper)
         q[joint.index] = end[joint.index]
         poses = link_kinematics(model).poses(np.eye(4), q)

@@ -18,6 +18,7 @@ from lis_grasp.geometry import unit
 from lis_grasp.records import fields_of, read_only
 from lis_grasp.robots._build_model import build_model, link_inertial
 from lis_grasp.robots._description import DescriptionEdits, apply_edits, parse_description
+from lis_grasp.robots._urdf import naming
 from lis_grasp.robots.collision import checker_of
 from lis_grasp.robots.draft._flat_pads import face_areas
 from lis_grasp.robots.draft._pads import fit_pads
@@ -89,27 +90,28 @@ def draft_hand(
     InvalidFileError, InvalidHandError
         If the description cannot be read, has no fingers, or no posture with opposed pads exists.
     """
-    described = _Described(path, tips, base_link)
-    described.leave_out_robot(base_link)
-    described.lock_wrist()
-    described.split_concave_fingers()
-    described.note_repairs()
-    hand, openings = _with_openings(described.model, name, described.fingers, rng)
-    if not openings:
-        raise InvalidHandError(
-            f"{path.name}: no posture was found in which the pads of {', '.join(hand.fingers)} face"
-            " each other: name the fingertips' links by `tips`, or write the pads by hand"
-        )
-    described.note_exclusions(hand)
-    hand = _with_palm(hand, openings)
-    edits = described.edits
-    if hand.kind == "parallel_jaw":
-        hand, edits = _strong_enough(hand, edits)
-    hand = _with_probe_postures(hand, rng)
-    silent = [finger for finger in hand.fingers if finger not in hand.probe_postures]
-    if silent:
-        described.notes.append(f"no probe posture was found for {', '.join(silent)}")
-    return HandDraft(_with_force(hand), edits, tuple(described.notes))
+    with naming(path):
+        described = _Described(path, tips, base_link)
+        described.leave_out_robot(base_link)
+        described.lock_wrist()
+        described.split_concave_fingers()
+        described.note_repairs()
+        hand, openings = _with_openings(described.model, name, described.fingers, rng)
+        if not openings:
+            raise InvalidHandError(
+                f"no posture was found in which the pads of {', '.join(hand.fingers)} face"
+                " each other: name the fingertips' links by `tips`, or write the pads by hand"
+            )
+        described.note_exclusions(hand)
+        hand = _with_palm(hand, openings)
+        edits = described.edits
+        if hand.kind == "parallel_jaw":
+            hand, edits = _strong_enough(hand, edits)
+        hand = _with_probe_postures(hand, rng)
+        silent = [finger for finger in hand.fingers if finger not in hand.probe_postures]
+        if silent:
+            described.notes.append(f"no probe posture was found for {', '.join(silent)}")
+        return HandDraft(_with_force(hand), edits, tuple(described.notes))
 
 
 class _Described:
@@ -131,7 +133,7 @@ class _Described:
         bases = find_hand_bases(self.model) if base_link is None and not self._tips else ()
         if len(bases) > 1:
             raise InvalidHandError(
-                f"{self._path.name}: a description must have one hand; this robot's hands may begin"
+                "a description must have one hand; this robot's hands may begin"
                 f" at {', '.join(bases)}: name one by `base`"
             )
         if bases:
