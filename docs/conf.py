@@ -4,14 +4,18 @@ Browsers render MathML without a library, so the built pages work offline.
 """
 
 import os
+import re
 import shutil
 from pathlib import Path
 from typing import Any
 
 from docutils import nodes
 from docutils.utils.math import latex2mathml
+from numpy.typing import ArrayLike
+from sphinx.addnodes import pending_xref_condition
 from sphinx.application import Sphinx
 from sphinx.util import logging
+from sphinx.util.typing import stringify_annotation
 
 import lis_grasp
 
@@ -24,7 +28,7 @@ shutil.copytree(
     ignore=shutil.ignore_patterns(".ipynb_checkpoints"),
 )
 
-WORDS = 55_000
+WORDS = 46_000
 logger = logging.getLogger(__name__)
 
 project = "lis_grasp"
@@ -43,7 +47,8 @@ exclude_patterns = ["_build"]
 
 # Docstrings name code in single backticks.
 default_role = "py:obj"
-autodoc_default_options = {"members": True, "member-order": "bysource"}
+# All members, unless a page names some: True would replace those.
+autodoc_default_options = {"members": "", "member-order": "bysource"}
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented_params"
 autodoc_type_aliases = {name: name for name in ("FloatArray", "IndexArray", "ArrayLike")}
@@ -92,9 +97,39 @@ def write_block(translator: Any, node: nodes.math_block) -> None:
     raise nodes.SkipNode
 
 
-def _is_output(node: nodes.Node) -> bool:
-    """Return whether a text is what a notebook's cell puts out: pictures, scenes, results."""
+# The names of types, where Sphinx writes what they stand for.
+_ALIAS = re.compile(r"TypeAliasForwardRef\('(\w+)'\)")
+_ARRAY_LIKE = stringify_annotation(ArrayLike, "smart")
+
+
+def name_types(app: Sphinx, *_: object) -> None:
+    """Write the aliases of types by their names."""
+    for annotations in app.env.current_document.autodoc_annotations.values():
+        for name, text in annotations.items():
+            annotations[name] = _ALIAS.sub(r"\1", text.replace(_ARRAY_LIKE, "ArrayLike"))
+
+
+_PARAMETER = re.compile(r":param (\w+): *((?:.+\n?)(?:[ \t]+.*\n?)*)")
+
+
+def say_once(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Let arguments that one entry describes together refer to the first of them."""
+    first: dict[str, str] = {}
+
+    def refer(match: re.Match[str]) -> str:
+        argument, text = match[1], " ".join(match[2].split())
+        if first.setdefault(text, argument) == argument or len(text.split()) < 6:
+            return match[0]
+        return f":param {argument}: See `{first[text]}`.\n"
+
+    lines[:] = _PARAMETER.sub(refer, "\n".join(lines) + "\n").split("\n")
+
+
+def _is_unseen(node: nodes.Node) -> bool:
+    """Return whether a text is a cell's output, such as a scene, or the long name of a type."""
     while (node := node.parent) is not None:
+        if isinstance(node, pending_xref_condition) and node["condition"] == "*":
+            return True
         output = isinstance(node, nodes.Element) and node.get("nb_element") == "cell_code_output"
         if output or isinstance(node, nodes.raw):
             return True
@@ -109,7 +144,7 @@ def count_words(app: Sphinx, error: Exception | None) -> None:
         name: sum(
             len(text.split())
             for text in app.env.get_doctree(name).findall(nodes.Text)
-            if not _is_output(text)
+            if not _is_unseen(text)
         )
         for name in app.env.found_docs
     }
@@ -123,4 +158,6 @@ def count_words(app: Sphinx, error: Exception | None) -> None:
 def setup(app: Sphinx) -> None:
     """Register the MathML renderer and the count of words."""
     app.add_html_math_renderer("mathml", (write_inline, None), (write_block, None))
+    app.connect("autodoc-process-docstring", say_once, priority=900)
+    app.connect("object-description-transform", name_types, priority=400)
     app.connect("build-finished", count_words)

@@ -44,10 +44,8 @@ def extract_mesh(
     that reaches them: outside of them is outside of the object. Closed parts that are far from
     every contact are dropped.
 
-    The mesh is watertight and every vertex has one fan of triangles, in spite of jumps, infinite
-    values or several sheets in one cell. Self-intersections are possible where sheets are closer
-    together than a cell. A feature thinner than four cells may be missed if the values at coarse
-    nodes near it are large.
+    Self-intersections are possible where sheets are closer together than a cell. A feature thinner
+    than four cells may be missed.
 
     Parameters
     ----------

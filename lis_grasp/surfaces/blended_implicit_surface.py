@@ -53,9 +53,6 @@ class BlendedImplicitSurface:
     logarithm of the ratio of both errors, at the places near a point and overall. v falls from 1 to
     0 where the two estimates are 0.5 to 1 spacings apart.
 
-    A solid's edges are between contacts; there a smooth estimate is wrong, and so is a sharp one
-    that misreads a bend as an edge. Both show in the prediction of places that are left out.
-
     Made by `from_contacts`. Near the surface f is about a distance.
 
     Examples

@@ -68,9 +68,8 @@ class GaussianProcessImplicitSurface:
     far from every contact is outside. Coordinates are centred on the contacts and scaled to about
     unit size; everything private is in that unit.
 
-    Made by `from_contacts`. Near contacts f is about metric [m], because its gradient there has
-    unit length. Far from them it flattens to the prior mean, except for the thin plate, which keeps
-    rising.
+    Made by `from_contacts`. Near contacts f is about metric [m]; far from them it flattens to the
+    prior mean, except for the thin plate.
 
     Examples
     --------

@@ -101,9 +101,7 @@ class LocalImplicitSurface(BlockwiseSurface):
             Width of the kernel [m]; None takes a fifth of the contacts' spacing.
         beta
             Convexity: "corrected" is 1 - sgn(y) beta*, our correction; "as_published" is eq. 10,
-            1 + sgn(y) beta*; "none" is 1. At the default width the three differ little; from
-            0.4 spacings on, "as_published" grows the wrong side of edges: a convex edge is the
-            maximum of its planes, so outside it the larger value must win.
+            1 + sgn(y) beta*; "none" is 1.
 
         Raises
         ------

@@ -54,14 +54,12 @@ class DynamicProber:
     contact's normal force exceeds the threshold.
 
     Contact is Drake's hydroelastic one between the exact mesh and compliant links, so bores and
-    concave corners are true. A contact is the area-weighted centroid and normal of its patch, not
-    the force's direction, which friction tilts. A patch across an edge counts as two contacts. Each
-    is tagged with the link that touched.
+    concave corners are true. A contact is the area-weighted centroid and normal of its patch; a
+    patch across an edge counts as two. Each is tagged with the link that touched.
 
-    A fixed object gives an outcome that depends on nothing but the probe. A free one stays where a
-    touch leaves it, toppled or rolled away. Probes and contacts are in the frame E in which the
-    hand is commanded: the prober measures by the hand's kinematics, and never by the object's pose.
-    E is the object's frame O before the first touch.
+    A free object stays where a touch leaves it, toppled or rolled away. Probes and contacts are in
+    the frame E in which the hand is commanded, at first the object's frame O: the prober measures
+    by the hand's kinematics, and never by the object's pose.
 
     Parameters
     ----------
@@ -70,13 +68,11 @@ class DynamicProber:
     free
         Makes the object free to move on a table, and touches slow; None fixes it.
     force_threshold
-        Normal force that ends a touch [N]; None for 0.2 N, and 0.05 N on a free object. The motion
-        advances by 0.2 mm a step, or 0.06 mm if the object is free, so the force exceeds it a
-        little: by at most 1 N.
+        Normal force that ends a touch [N]; None for 0.2 N, and 0.05 N on a free object. It is
+        exceeded by at most 1 N.
     station
-        The arm that carries the hand, at 20 mm/s on probes and 50 mm/s on approaches; it retreats
-        at once after a touch. Probes beyond its reach are blocked, as are those on which a link of
-        it collides or a joint exceeds its largest effort. None for a hand on a rail.
+        The arm that carries the hand, which blocks probes beyond its reach, its efforts, or
+        with a collision of it. None for a hand on a rail.
     arm_use
         Gets what touches demand of the arm; None for a record that nobody reads.
 
