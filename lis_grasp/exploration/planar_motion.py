@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -11,17 +11,19 @@ import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.geometry import apply_pose, inverse_pose, make_pose
+from lis_grasp.geometry import apply_pose, inverse_pose, make_pose, rotate
 from lis_grasp.records import short_repr
 from lis_grasp.typing import FloatArray
 
 # Radius at which friction resists a turn, as a fraction of the object's extent: between a disc's,
 # 0.33, and a ring's, 0.5. The extent is at least [m].
 _TURNING_RADIUS, _LEAST_EXTENT = 0.4, 0.03
-# Standard deviations of a displacement by a hand that closed on an object or hit it: x, y [m], yaw;
-# and of a contact's distance from the estimated surface [m].
-_CLOSING_MOTION, _CONTACT_ERROR = np.array([0.01, 0.01, 0.2]), 0.002
+# Standard deviations of a displacement by a hand that closed on an object or hit it: x, y [m], yaw.
+_CLOSING_MOTION = np.array([0.01, 0.01, 0.2])
+CONTACT_ERROR = 0.002
+"""Standard deviation of a contact's distance from the estimated surface [m]."""
 _ITERATIONS = 10
+_YAWS = 24  # about the 0.2 rad of a start apart
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,41 +66,57 @@ def displacement_rows(points: FloatArray, normals: FloatArray) -> FloatArray:
     return np.column_stack([normals[:, :2], turn])
 
 
-def register_motions(sets: Sequence[Contacts], mesh: trimesh.Trimesh) -> FloatArray:
-    """Return the planar displacements (K, 3) of an object at K successive sets of contacts.
+def register_motion(
+    contacts: Contacts, mesh: trimesh.Trimesh, start: FloatArray | None = None
+) -> FloatArray:
+    """Return the planar displacement (3,) of an object on which a hand closed, or that it hit.
 
-    Gauss-Newton iterations of the most probable displacements d_k from the estimate. Between two
-    sets the object moves by a normal displacement of 10 mm and 0.2 rad. The distances
-    ``n . d_k(p)`` of the contacts from the estimated surface are known to 2 mm (point-to-plane
-    registration: Chen and Medioni 1992). So later contacts correct earlier displacements too.
+    Gauss-Newton iterations of the most probable displacement d from the estimate. Before the
+    contacts it is normal, of 10 mm and 0.2 rad. The distances ``n . d(p)`` of the contacts from the
+    estimated surface are known to 2 mm (point-to-plane registration: Chen and Medioni 1992).
 
     Parameters
     ----------
-    sets
-        Contacts in the order of their measurement, all in the frame of the estimate [m].
+    contacts
+        In the frame of the estimate [m].
     mesh
-        The surface estimated before the first motion, closed [m].
+        The surface estimated before the motion, closed [m].
+    start
+        Mean displacement (3,) before the contacts; None for zero.
     """
-    count = len(sets)
-    displacements = np.zeros((count, 3))
-    difference = np.eye(count) - np.eye(count, k=-1)
-    prior = np.kron(difference.T @ difference, np.diag(_CLOSING_MOTION**-2.0))
-    for _ in range(_ITERATIONS if any(map(len, sets)) else 0):
-        information, gradient = prior.copy(), -prior @ displacements.ravel()
-        for k, contacts in enumerate(sets):
-            if not len(contacts):
-                continue
-            back = inverse_pose(planar_pose(displacements[k]))
-            points = apply_pose(back, contacts.points)
-            nearest, _, triangles = trimesh.proximity.closest_point(mesh, points)
-            normals = mesh.face_normals[triangles]
-            distances = np.einsum("ni,ni->n", points - nearest, normals) / _CONTACT_ERROR
-            rows = displacement_rows(nearest, normals) / _CONTACT_ERROR
-            own = slice(3 * k, 3 * k + 3)
-            information[own, own] += rows.T @ rows
-            gradient[own] += rows.T @ distances
-        displacements += np.linalg.solve(information, gradient).reshape(count, 3)
-    return displacements
+    mean = np.zeros(3) if start is None else start
+    displacement = mean.copy()
+    prior = np.diag(_CLOSING_MOTION**-2.0)
+    for _ in range(_ITERATIONS if len(contacts) else 0):
+        X = planar_pose(displacement)
+        points = apply_pose(inverse_pose(X), contacts.points)
+        nearest, _, triangles = trimesh.proximity.closest_point(mesh, points)
+        normals = mesh.face_normals[triangles]
+        distances = np.einsum("ni,ni->n", points - nearest, normals) / CONTACT_ERROR
+        rows = displacement_rows(rotate(X, nearest), rotate(X, normals)) / CONTACT_ERROR
+        gradient = rows.T @ distances - prior @ (displacement - mean)
+        displacement += np.linalg.solve(prior + rows.T @ rows, gradient)
+    return displacement
+
+
+def find_displacement(contacts: Contacts, mesh: trimesh.Trimesh) -> FloatArray | None:
+    """Return the planar displacement (3,) of an object that is somewhere else; None if not found.
+
+    The best of `register_motion` from many angles, with the middles of the contacts and of the
+    estimate at one place. The contacts must be on the estimate then, as well as contacts are known.
+    """
+    best, least = None, CONTACT_ERROR
+    middle, center = contacts.bounds.mean(axis=0), mesh.bounds.mean(axis=0)
+    for yaw in np.linspace(-np.pi, np.pi, _YAWS, endpoint=False):
+        turned = apply_pose(planar_pose(np.array([0.0, 0.0, yaw])), center)
+        start = np.append((middle - turned)[:2], yaw)
+        found = register_motion(contacts, mesh, start)
+        points = apply_pose(inverse_pose(planar_pose(found)), contacts.points)
+        off = trimesh.proximity.closest_point(mesh, points)[1]
+        error = float(np.sqrt(np.mean(off**2)))
+        if error < least:
+            best, least = found, error
+    return best
 
 
 # Scales of the motion by one touch [m], and their probabilities before the first touch. Mass and

@@ -199,6 +199,11 @@ class PoseTracker:
         return belief, surprise
 
 
+def doubted() -> PoseBelief:
+    """Return the belief after a large motion: the object has to be found again."""
+    return replace(PoseBelief.start().loosened(np.array(_LARGE_MOTION)), trust="doubted")
+
+
 def _judged(belief: PoseBelief, known: Contacts, *, contradicted: bool) -> PoseBelief:
     """Return the belief in its next state of trust, loosened by a contradiction."""
     count = belief.count + 1

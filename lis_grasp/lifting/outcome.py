@@ -33,6 +33,12 @@ Reason = Literal[
     "arm_collision",  # A link of the arm touched the object, the table or the hand.
 ]
 
+LOST_GRASPS: frozenset[Reason] = frozenset(
+    ("aborted", "collision_on_approach", "no_contact", "set_down", "ejected", "not_lifted")
+    + ("dropped", "slipped", "turned")
+)
+"""Reasons after which a hand with a tactile check lets go and retreats, to try again."""
+
 
 @dataclass(frozen=True, slots=True)
 class LiftOptions:
@@ -111,7 +117,9 @@ class LiftOutcome:
     #: first contacts with the object, in W: of the closed fingers, at most one each, tagged with
     #: the finger; on an approach that was stopped, of the links, tagged with the link
     measured_contacts: Contacts
+    #: with the space inside the hand's links then, which is free
     X_WO: FloatArray  #: (4, 4), final pose of the object; the last recorded one if it diverged
+    weighed: float | None = None  #: mass of the object by the forces on the hand [kg]
     arm: ArmUse | None = None  #: what was demanded of the arm; None for a hand on a free wrist
 
     @classmethod

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,12 +14,14 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.geometry import apply_inverse, apply_pose
 from lis_grasp.lifting.finger_control import SEARCH_SPEED, FingerControl, SlipWatch
-from lis_grasp.lifting.outcome import LiftOutcome, Reason
+from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome, Reason
 from lis_grasp.lifting.scene import ArmStoppedError, CarrierMotion, LiftingScene
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import WristPath, line, rest_at, shake_about
 from lis_grasp.motion import OBJECT, Motion
 from lis_grasp.robots.hand import SEATING
+from lis_grasp.robots.pose_filter import balls_inside
+from lis_grasp.shapes.object_mass import GRAVITY
 from lis_grasp.typing import FloatArray
 
 _LOG = logging.getLogger(__name__)
@@ -38,6 +41,8 @@ _LOST = 0.05  # [m] of slip that only a lost object has
 # more until then is set down [m].
 _WATCHED_RISE = 0.01
 _GRIP_FACTOR = 1.5
+# Commands over which a weight is averaged, and the least mass that is weighed [kg].
+_WEIGHED_STEPS, _LEAST_MASS = 9, 0.005
 _SLIP_LIMIT = 0.006
 
 # An object that moves less than this in the hand [m] in this time [s] rests.
@@ -88,8 +93,9 @@ class LiftTrial:
         self._start = self._center()
         # Object's centre of mass (3,) and rotation (3, 3) in the palm, once the grasp has closed.
         self._grasped: tuple[FloatArray, FloatArray] | None = None
-        self._set_down_after: tuple[float, float] | None = None  # slip [m] and turn [rad]
+        self._lost_after: tuple[float, float] | None = None  # slip [m] and turn [rad]
         self._lifted = False
+        self._weighed: float | None = None  # [kg]
         self._survived = 0.0
         self._times: list[float] = []
         self._poses: dict[str, list[FloatArray]] = {}
@@ -117,6 +123,7 @@ class LiftTrial:
             closed=self._closed,
             measured_contacts=self._measured,
             X_WO=poses[OBJECT][-1] if diverged else self._scene.X_WO,
+            weighed=self._weighed,
             arm=self._scene.carrier.use,
         )
 
@@ -126,6 +133,8 @@ class LiftTrial:
             _LOG.info("%s", phase.__name__.strip("_"))
             failure = phase()
             if failure is not None:
+                if self._accept_grasp is not None and failure in LOST_GRASPS:
+                    self._let_go()
                 return failure
         return "held"
 
@@ -146,7 +155,7 @@ class LiftTrial:
         stop = self._stop_at_contact if self._accept_grasp is not None else None
         self._advance(duration, path, stop)
         if len(self._measured):
-            return self._abort()
+            return "aborted"
         self._advance(_SETTLE_TIME, rest_at(self._arrival))
         error = float(np.linalg.norm(self._displacement() - self._arrival))
         blocked = error > self._options.largest_push or self._pushed()
@@ -161,9 +170,9 @@ class LiftTrial:
         self._advance(_CLOSING_LIMIT, here, lambda time: self._control.close(time, interval))
         if self._accept_grasp is not None and len(self._control.touching) >= 2:
             self._advance(_PRESS_TIME, here, self._press)
-        self._closed, self._measured = True, self._control.measured_contacts()
+        self._closed, self._measured = True, self._felt(self._control.measured_contacts())
         if self._accept_grasp is not None and not self._accept_grasp(self._measured):
-            return self._abort()
+            return "aborted"
         if len(self._measured) < 2:
             return "no_contact"
         duration = self._options.squeeze_time
@@ -203,24 +212,40 @@ class LiftTrial:
 
     def _lift(self) -> Reason | None:
         duration = self._options.lift_time
-        watch, given_up, weighed = SlipWatch(self._scene, self._control), False, False
+        watch, given_up = SlipWatch(self._scene, self._control), False
+        felt: list[tuple[float, float]] = []  # vertical force [N] and rise [m] of the hand
 
         def hold(time: float) -> bool:
-            nonlocal given_up, weighed
-            if not weighed:
-                weighed = self._displacement()[2] - self._here[2] >= _WATCHED_RISE
+            nonlocal given_up
+            rise = self._displacement()[2] - self._here[2]
+            felt.append((sum(contact.force[2] for contact in self._scene.contacts()), rise))
+            if self._weighed is None:
                 given_up = self._accept_grasp is not None and watch.total > _SLIP_LIMIT
-                if weighed:
-                    self._control.carry(self._setup.mass)
+                if rise >= _WATCHED_RISE:
+                    self._weigh(felt)
                 elif watch.has_slipped():
                     self._control.grip_harder(_GRIP_FACTOR)
-            return self._hold_grip(time) or given_up
+            # Another attempt starts best from where this one began: an object that is lost already
+            # is not lifted higher.
+            lost = self._accept_grasp is not None and self._has_moved()
+            return self._hold_grip(time) or given_up or lost
 
         self._advance(duration, line(self._here, self._here + self._rise, duration), hold)
         if given_up:
-            return self._set_down()
+            return "set_down"
         self._lifted = self._in_hand()
+        if self._lifted:
+            self._weigh(felt)
         return None if self._lifted else self._failure("not_lifted")
+
+    def _weigh(self, felt: list[tuple[float, float]]) -> None:
+        """Weigh the object by the vertical force on the rising hand, and carry it."""
+        forces, rises = np.array(felt[-_WEIGHED_STEPS:]).T
+        times = np.arange(len(rises)) / _CONTROL_RATE
+        acceleration = 2.0 * np.polyfit(times, rises, 2)[0] if len(rises) > 2 else 0.0
+        mass = float(forces.mean()) / max(GRAVITY + acceleration, 0.5 * GRAVITY)
+        self._weighed = max(mass, _LEAST_MASS)
+        self._control.carry(self._weighed)
 
     def _shake(self) -> Reason | None:
         options = self._options
@@ -264,25 +289,34 @@ class LiftTrial:
         """Record contacts of the hand with the object on the approach; return whether to stop."""
         contacts = [c for c in self._scene.contacts() if c.strength >= _UNEXPECTED_FORCE]
         if contacts:
-            self._measured = Contacts(
+            measured = Contacts(
                 np.array([contact.point for contact in contacts]),
                 np.array([contact.normal for contact in contacts]),
                 fingers=tuple(contact.link for contact in contacts),
             )
+            self._measured = self._felt(measured)
         return bool(contacts)
 
-    def _set_down(self) -> Reason:
-        """Lower the object to where it was, open the hand, and retreat."""
-        self._set_down_after = self._slip(), self._turn()
-        self._advance(
-            _RETREAT_TIME, line(self._displacement(), self._here, _RETREAT_TIME), self._hold_grip
+    def _felt(self, measured: Contacts) -> Contacts:
+        """Return contacts with the balls inside the hand's links, where no object is."""
+        if self._accept_grasp is None:
+            return measured
+        centers, radii = [], []
+        for geometry in self._setup.hand.link_geometries:
+            points, within = balls_inside(geometry)
+            centers.append(apply_pose(self._scene.X_WL(geometry.link) @ geometry.X_LG, points))
+            radii.append(within)
+        return replace(
+            measured, free_points=np.concatenate(centers), free_radii=np.concatenate(radii)
         )
-        self._abort()
-        return "set_down"
 
-    def _abort(self) -> Reason:
-        """Open the hand if it has closed, and retreat against the approach."""
+    def _let_go(self) -> None:
+        """Lower what is still in the hand, open it, retreat, and wait until the object rests."""
+        self._lost_after = self._slip(), self._turn()
         here = self._displacement()
+        if self._grasped is not None and self._touching_links() >= 2:
+            self._advance(_RETREAT_TIME, line(here, self._here, _RETREAT_TIME), self._lower)
+            here = self._displacement()
 
         def open_hand(time: float) -> bool:
             self._control.open(time / _RETREAT_TIME)
@@ -291,6 +325,9 @@ class LiftTrial:
         if self._closed:
             self._control.release()
             self._advance(_RETREAT_TIME + _SETTLE_TIME, rest_at(here), open_hand)
+        if self._grasped is not None:  # along the approach, at the height of the hand
+            self._advance(_RETREAT_TIME, line(here, here + self._retreat, _RETREAT_TIME))
+            here = here + self._retreat
         self._advance(_RETREAT_TIME, line(here, self._retreat, _RETREAT_TIME))
         before = self._scene.X_WO
         for _ in range(_FALLS):
@@ -302,7 +339,11 @@ class LiftTrial:
         homeward = self._scene.carrier.go_home()
         if homeward is not None:
             self._move(homeward)
-        return "aborted"
+
+    def _lower(self, time: float) -> bool:
+        """Hold the grip; return whether the object meets the table, as the wrist feels."""
+        self._control.hold()
+        return self._clearance() < _SETTLED
 
     def _hold_grip(self, time: float) -> bool:
         self._control.hold()
@@ -353,16 +394,16 @@ class LiftTrial:
 
     def _slip(self) -> float:
         """Return the motion of the object's centre of mass in the hand [m]."""
-        if self._set_down_after is not None:
-            return self._set_down_after[0]
+        if self._lost_after is not None:
+            return self._lost_after[0]
         if self._grasped is None:
             return 0.0
         return float(np.linalg.norm(self._object_in_hand() - self._grasped[0]))
 
     def _turn(self) -> float:
         """Return the angle by which the object has turned in the hand [rad]."""
-        if self._set_down_after is not None:
-            return self._set_down_after[1]
+        if self._lost_after is not None:
+            return self._lost_after[1]
         if self._grasped is None:
             return 0.0
         between = Rotation.from_matrix(self._grasped[1].T @ self._rotation_in_hand())
@@ -371,17 +412,24 @@ class LiftTrial:
     def _touching_links(self) -> int:
         return len({c.link for c in self._scene.contacts() if c.strength >= _LEAST_FORCE})
 
-    def _carried(self) -> bool:
-        """Return whether the object is off the table and touched by the hand."""
+    def _clearance(self) -> float:
+        """Return the distance of the object's lowest point from the table [m]."""
         X_WO = self._scene.X_WO
         bottom = float((self._hull @ X_WO[2, :3]).min() + X_WO[2, 3])
-        clearance = bottom - self._setup.support_height
-        return clearance >= 0.5 * self._options.lift_height and self._touching_links() >= 2
+        return bottom - self._setup.support_height
+
+    def _carried(self) -> bool:
+        """Return whether the object has risen by half as much as the hand, which touches it."""
+        rise = min(self._displacement()[2] - self._here[2], self._options.lift_height)
+        return self._clearance() >= 0.5 * rise and self._touching_links() >= 2
+
+    def _has_moved(self) -> bool:
+        """Return whether the object has moved or turned too far in the hand."""
+        options = self._options
+        return self._slip() >= options.largest_slip or self._turn() >= options.largest_turn
 
     def _in_hand(self) -> bool:
-        options = self._options
-        moved = self._slip() >= options.largest_slip or self._turn() >= options.largest_turn
-        return self._carried() and not moved
+        return self._carried() and not self._has_moved()
 
     def _failure(self, lost: Reason) -> Reason:
         """Return "slipped" or "turned" for an object that is still carried, else `lost`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,8 @@ from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.lifting.trial import AcceptGrasp
 from lis_grasp.pipeline.known import Known, Perception
 from lis_grasp.pipeline.progress import Progress
-from lis_grasp.pipeline.regrasp import Stages
+from lis_grasp.pipeline.reasons import lesson_sentence
+from lis_grasp.pipeline.regrasp import Lesson, Stages
 from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import Scenario
@@ -103,7 +105,7 @@ class StoredStages(Stages):
         """Estimate the surface, and write contacts.ply if there are new ones, and surface.ply."""
         self._recorded |= scenario.facts()
         with self._watch.measure("estimate"):
-            if len(contacts) > self._stored:
+            if len(contacts) != self._stored:
                 path = self._folder / "contacts.ply"
                 contacts.save(path, header=provenance.merge(self._recorded))
                 contacts = Contacts.load(path)
@@ -132,3 +134,13 @@ class StoredStages(Stages):
             outcome.motion.save(self._folder / "motion.npz")
             stage.result = outcome.reason
         return outcome
+
+    def touch_more(
+        self, scenario: Scenario, contacts: Contacts, mesh: trimesh.Trimesh | None
+    ) -> tuple[Scenario, Contacts, Lesson]:
+        """Find the object again, and touch it some more times."""
+        title = f"Touching {scenario.truth.shape.name} again"
+        with self._progress.stage(title) as stage, self._watch.measure("touch"):
+            scenario, contacts, lesson = super().touch_more(scenario, contacts, mesh)
+            stage.result = lesson_sentence(asdict(lesson))
+        return scenario, contacts, lesson

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import Any
 
 LIFT_REASONS: Mapping[str, str] = MappingProxyType(
     {
@@ -95,6 +96,15 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
 def lift_sentence(reason: str) -> str:
     """Return what a lift's reason means and what to do; the code itself where it is unknown."""
     return LIFT_REASONS.get(reason, reason)
+
+
+def lesson_sentence(lesson: Mapping[str, Any]) -> str:
+    """Return what a failed attempt taught, the fields of a `Lesson`."""
+    felt, touched, probes = lesson["felt"], lesson["touched"], lesson["probes"]
+    where = f"found {1e3 * lesson['moved']:.0f} mm away"
+    if lesson["lost"]:
+        where = f"not where it was: explored anew, {touched} contacts" if touched else "not found"
+    return f"{felt} contacts felt; {where}; {probes} probes, {touched} new contacts"
 
 
 def no_grasp_sentence(rejections: Mapping[str, int]) -> str:

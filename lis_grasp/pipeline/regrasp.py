@@ -1,31 +1,53 @@
-"""Regrasping with a tactile check before the squeeze (`accept_grasp`)."""
+"""Regrasping: after a failed attempt, find the object again by touch, learn, and plan anew."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration.planar_motion import planar_pose, register_motions
+from lis_grasp.exploration import PoseTracker, Probe, ProbeOutcome, Workspace, explore_steps
+from lis_grasp.exploration.planar_motion import (
+    CONTACT_ERROR,
+    PoseBelief,
+    find_displacement,
+    planar_pose,
+    register_motion,
+)
+from lis_grasp.exploration.pose_tracking import doubted
+from lis_grasp.exploration.probe_motions import surface_probe
 from lis_grasp.geometry import inverse_pose, unit
 from lis_grasp.grasping.epsilon import robust_epsilon_on
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
-from lis_grasp.lifting.outcome import LiftOutcome
+from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome
 from lis_grasp.lifting.trial import AcceptGrasp
 from lis_grasp.pipeline.lifting_stage import lift
 from lis_grasp.pipeline.scenario import Scenario
-from lis_grasp.pipeline.stages import estimate, plan
+from lis_grasp.pipeline.stages import (
+    estimate,
+    exploration_rng,
+    exploration_setup,
+    make_prober,
+    plan,
+)
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
 
-# Minimum distance [m] of new contacts to planned contacts at which a finger closed on nothing.
-_MISSED_RADIUS = 0.01
+# Distance [m] in which grasps fail alike: the usual extent of an error of an estimate.
+_ALIKE = 0.015
+# Touches that a failed attempt is followed by, beside those that find the object again.
+_MORE_TOUCHES = 4
+# Probes without a result for each of these touches, before they are given up.
+_PROBES_PER_TOUCH = 4
+# Contacts that show where an object of a known estimate is.
+_ENOUGH = 8
+# Known contacts that may be touched again to find the object.
+_TOUCHED_AGAIN = 48
 
-# Outcomes after which another grasp is planned.
-_TRIED_AGAIN = ("aborted", "set_down")
+_UP = np.array([0.0, 0.0, 1.0])
 
 # Outcomes, before the hand closed, after which the next grasp of the same plan is executed.
 _NEXT_GRASP = ("no_arm_motion", "out_of_arm_reach", "torque_limit", "arm_collision")
@@ -52,6 +74,23 @@ class Stages:
         """Simulate the lift with a grasp that was planned on an estimate."""
         return lift(scenario, grasp, accept_grasp=accept_grasp, estimate=mesh)
 
+    def touch_more(
+        self, scenario: Scenario, contacts: Contacts, mesh: trimesh.Trimesh | None
+    ) -> tuple[Scenario, Contacts, Lesson]:
+        """Find the object again, and touch it some more times; see `touch_more`."""
+        return touch_more(scenario, contacts, mesh)
+
+
+@dataclass(frozen=True, slots=True)
+class Lesson:
+    """What a failed attempt taught: what the hand felt, and the touches after it."""
+
+    felt: int  #: contacts of the hand
+    touched: int  #: contacts by touches after it; all that are known, if the object was lost
+    probes: int  #: of these touches
+    moved: float  #: where the object was found: the displacement of its frame [m]
+    lost: bool  #: whether it was found somewhere else, so that earlier contacts are dropped
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Attempt:
@@ -63,68 +102,158 @@ class Attempt:
     search: GraspSearch  #: the grasps planned on it
     rank: int  #: of the executed grasp in the search
     outcome: LiftOutcome | None  #: of the lift; None if no grasp was found
+    lesson: Lesson | None = None  #: of a failure, for the next attempt; None for the last
 
 
 def grasp_with_tactile_check(
     scenario: Scenario, contacts: Contacts, stages: Stages | None = None
 ) -> Iterator[Attempt]:
-    """Grasp and lift; after a failed tactile check, estimate and plan again with the new contacts.
+    """Grasp and lift; after a failure, learn from it and try again.
 
     After the fingers close and before they squeeze, the measured contacts must be in force closure
     at half the friction; points at opposite ends of parallel faces count as opposite each other
     under flat pads. If they are not, or if the hand hits the object during the approach, the
-    attempt is aborted: the hand opens and retreats, and its contacts are added to the known ones.
-    An object that slips at the start of the lift is set down. The next grasp avoids places where a
-    finger closed on nothing or slipped. The last of `Known.attempts` is executed without the
-    check. Where the arm has no way to a grasp, or has to stop on it, the next grasp of the plan is
-    executed instead, as part of the same attempt. An attempt may push the object. Its motions are
-    estimated from the contacts of all attempts (`register_motions`), and the frame of contacts and
-    grasps moves with it.
+    attempt is aborted. An object that slips at the start of the lift is set down. After these, and
+    every other failed grasp (`LOST_GRASPS`), the hand lowers what is in it, opens and retreats, and
+    the object comes to rest somewhere.
 
-    The scenario is the one after the exploration (`Scenario.after`), with its contacts. `stages`
-    are repeated; None for `Stages`, which keep their results in memory.
+    There it is found again by touch, and touched some more times (`touch_more`). What the hand felt
+    is added to the contacts: where its fingers touched, and the space inside its links, which is
+    free. A weighed mass replaces the prior. On the new estimate, the next grasp is the likeliest to
+    succeed if grasps like the failed ones fail too. Without a grasp on the estimate, the object is
+    touched some more times.
+
+    The last of `Known.attempts` is executed without the check. Where the arm has no way to a grasp,
+    or has to stop on it, the next grasp of the plan is executed instead, as part of the same
+    attempt.
+
+    The scenario is the one after the exploration (`Scenario.after`), with its contacts. The frame
+    of contacts and grasps moves with the object, as believed. `stages` are repeated; None for
+    `Stages`, which keep their results in memory.
     """
     stages, known = stages or Stages(), scenario.known
-    explored, missed = contacts, np.empty((0, 3))
-    measured: list[Contacts] = []  # of each attempt, in the frame E of the explored ones
-    first_estimate, X_EF = None, np.eye(4)  # F moves with the object, as believed
+    failed: list[FloatArray] = []
     for left in reversed(range(known.attempts)):
         mesh = stages.estimate(scenario, contacts)
         search = stages.plan(scenario, mesh)
-        first_estimate = mesh if first_estimate is None else first_estimate
-        if not search.grasps:
-            yield Attempt(scenario, contacts, mesh, search, 0, None)
-            return
         check = _tactile_check(mesh, known.hand, known.load.friction) if left else None
-        for rank in _away_first(missed, search):
-            grasp = search.grasps[rank]
-            outcome = stages.lift(scenario, grasp, mesh, check)
-            yield Attempt(scenario, contacts, mesh, search, rank, outcome)
+        attempt = Attempt(scenario, contacts, mesh, search, 0, None)
+        for rank in _likeliest_first(search, failed):
+            outcome = stages.lift(scenario, search.grasps[rank], mesh, check)
+            attempt = Attempt(scenario, contacts, mesh, search, rank, outcome)
             if outcome.reason not in _NEXT_GRASP or outcome.closed:
                 break
             if outcome.duration > 0.0:
                 scenario = scenario.moved(np.eye(4), outcome.X_WO)
-        if outcome.reason not in _TRIED_AGAIN:
+            yield attempt
+        last = attempt.outcome
+        if last is not None and last.reason in _NEXT_GRASP and not last.closed:
             return
-        measured.append(outcome.measured_contacts.in_frame(inverse_pose(X_EF)))
-        contacts, X_EG = _on_the_object(explored, measured, first_estimate)
-        X_FG, X_EF = inverse_pose(X_EF) @ X_EG, X_EG
-        scenario = scenario.moved(X_FG, outcome.X_WO)
-        missed = np.vstack([missed, _missed(grasp, outcome)])
+        if not left or not (last is None or last.reason in LOST_GRASPS):
+            yield attempt
+            return
+        sought = None
+        if last is not None:
+            failed.append(_failed_contacts(attempt))
+            scenario, contacts, sought = _learned(attempt, last)
+        felt = len(contacts) - len(attempt.contacts)
+        scenario, contacts, lesson = stages.touch_more(scenario, contacts, sought)
+        failed = [] if lesson.lost else failed
+        yield replace(attempt, lesson=replace(lesson, felt=felt))
+        if not len(contacts):
+            return
 
 
-def _on_the_object(
-    explored: Contacts, measured: Sequence[Contacts], mesh: trimesh.Trimesh
-) -> tuple[Contacts, FloatArray]:
-    """Return all contacts in the frame F that moved with the object, and its pose X_EF (4, 4).
+def _learned(attempt: Attempt, outcome: LiftOutcome) -> tuple[Scenario, Contacts, trimesh.Trimesh]:
+    """Return the scenario, all contacts and the estimate after an attempt.
 
-    `measured` are those of each attempt, in the frame E of the explored ones and of their estimate.
+    They are in the frame of the object when the fingers closed.
     """
-    contacts, X_EF = explored, np.eye(4)
-    for new, displacement in zip(measured, register_motions(measured, mesh), strict=True):
-        X_EF = planar_pose(displacement)
-        contacts = contacts.append(new.in_frame(X_EF))
-    return contacts, X_EF
+    felt, mesh = outcome.measured_contacts, attempt.mesh
+    X_EF = planar_pose(register_motion(felt, mesh))
+    radii = felt.free_radii - CONTACT_ERROR
+    inside = radii > 0.0
+    felt = replace(felt, free_points=felt.free_points[inside], free_radii=radii[inside])
+    scenario = attempt.scenario.moved(X_EF, outcome.X_WO)
+    load = scenario.known.load_prior(mesh)
+    if outcome.weighed is not None and (outcome.lifted or outcome.weighed > load.mass):
+        spread = 0.0 if outcome.lifted else load.mass_spread  # else the table may have helped
+        load = replace(load, mass=outcome.weighed, mass_spread=spread)
+        known = replace(scenario.known, load=load, mass_by_volume=False)
+        scenario = replace(scenario, known=known)
+    mesh = mesh.copy().apply_transform(inverse_pose(X_EF))
+    return scenario, attempt.contacts.append(felt.in_frame(X_EF)), mesh
+
+
+def touch_more(
+    scenario: Scenario, contacts: Contacts, mesh: trimesh.Trimesh | None
+) -> tuple[Scenario, Contacts, Lesson]:
+    """Touch an object of known contacts some more times; if it has moved, find it first.
+
+    An exploration is continued, of a free object, by simulated touches with forces. After a motion,
+    known contacts are touched again and register the object (`PoseTracker`). If they contradict the
+    contacts, it has toppled or is far away: it is explored anew. Then the earlier contacts are
+    dropped, unless the new ones are on the displaced estimate (`find_displacement`).
+
+    Parameters
+    ----------
+    scenario
+        The scenario, with the object where it is.
+    contacts
+        All that are known.
+    mesh
+        The last estimate; None if the object has not moved.
+
+    Returns the scenario and all contacts in the frame of the object where it was found, and counts.
+    Without contacts, it was not found.
+    """
+    known, truth = scenario.known, scenario.truth
+    if isinstance(known.space, Workspace):
+        known = replace(known, space=replace(known.space, support_height=known.support))
+    tracker = PoseTracker(known.sensor.position_noise)
+    again = np.unique(np.linspace(0, len(contacts) - 1, _TOUCHED_AGAIN).round()).astype(int)
+    rest = contacts.subset(np.delete(np.arange(len(contacts)), again))
+    setup = replace(exploration_setup(known), touches=None, prior=rest, tracker=tracker)
+    surface, space = setup.estimate(contacts), known.space.grown(contacts).fitted_to(contacts)
+    recorded = []
+    for one in map(contacts.subset, again[:, None]):
+        probe = surface_probe(one.points[0], one.normals[0], space, contacts, surface, ())
+        recorded.append(ProbeOutcome(probe, "touched", one))
+    above = Probe(space.center + space.size * _UP, _UP, 0.0, 0.0)
+    last = ProbeOutcome(
+        above,
+        "blocked",
+        free_points=contacts.free_points,
+        free_radii=contacts.free_radii,
+        simulated_pose=truth.X_EO,
+        tracked=PoseBelief.start() if mesh is None else doubted(),
+    )
+    recorded.append(last)
+    is_free = replace(scenario, config=replace(scenario.config, prober="dynamic", free=True))
+    prober = make_prober(is_free, recorded)
+    wanted, lost = len(again) + _MORE_TOUCHES, False
+    for state in explore_steps(prober, setup, rng=exploration_rng(known), recorded=recorded):
+        last, probes = state.outcomes[-1], len(state.outcomes) - len(recorded)
+        if last.lost:
+            wanted, lost = known.touches, True
+        assert last.tracked is not None
+        is_sought = last.tracked.trust == "doubted"
+        made = len(state.contacts) >= wanted and not is_sought
+        if made or probes >= _PROBES_PER_TOUCH * (known.touches if lost else 2 * _MORE_TOUCHES):
+            break
+    assert last.tracked is not None
+    assert last.simulated_pose is not None
+    X_EF, found = last.tracked.X_WE, state.known
+    scenario = scenario.moved(X_EF, X_EF @ last.simulated_pose)
+    if mesh is not None and lost and len(found) >= _ENOUGH:
+        displacement = find_displacement(found, mesh)
+        if displacement is not None:
+            X_EF, lost = planar_pose(displacement), False
+            scenario = scenario.moved(X_EF, scenario.truth.X_EO)
+            found = contacts.append(found.in_frame(X_EF))
+    touched = len(found) - (0 if lost else len(contacts))
+    moved = float(np.linalg.norm(X_EF[:3, 3]))
+    return scenario, found, Lesson(0, touched, probes, moved, lost)
 
 
 def _tactile_check(
@@ -151,23 +280,33 @@ def _pushed_along_one_line(points: FloatArray, normals: FloatArray) -> FloatArra
     return np.asarray(points.mean(axis=0) + np.stack([-half_width, half_width]))
 
 
-def _missed(grasp: Grasp, outcome: LiftOutcome) -> FloatArray:
-    """Return the planned contacts of fingers that slipped or closed on nothing, (K, 3) [m]."""
-    if outcome.reason == "set_down":
-        return grasp.contact_points
-    if not outcome.closed:
+def _failed_contacts(attempt: Attempt) -> FloatArray:
+    """Return the planned contacts (K, 3) [m] that failed together; none if the hand never closed.
+
+    Before the squeeze, they are those of the fingers that closed on nothing.
+    """
+    grasp, outcome = attempt.search.grasps[attempt.rank], attempt.outcome
+    if outcome is None or not outcome.closed:
         return np.empty((0, 3))
+    if outcome.reason not in ("aborted", "no_contact"):
+        return grasp.contact_points
     return grasp.contact_points[
         [f not in outcome.measured_contacts.fingers for f in grasp.contact_fingers]
     ]
 
 
-def _away_first(missed: FloatArray, search: GraspSearch) -> list[int]:
-    """Return the indices of all grasps, those with no contact near a missed one first."""
+def _likeliest_first(search: GraspSearch, failed: Sequence[FloatArray]) -> list[int]:
+    """Return the indices of all grasps, the likeliest to succeed first.
 
-    def is_near(rank: int) -> bool:
-        points = search.grasps[rank].contact_points
-        between = np.linalg.norm(points[:, None] - missed, axis=-1)
-        return bool((between < _MISSED_RADIUS).any())
-
-    return sorted(range(len(search.grasps)), key=is_near)
+    A grasp fails with one that failed by the probability ``exp(-d^2 / 2 l^2)``, where d is the root
+    mean square distance of the failed contacts from its nearest ones.
+    """
+    ranks = np.arange(len(search.grasps))
+    if not any(map(len, failed)):
+        return list(ranks)
+    success = np.array([g.quality.get("success_probability", 1.0) for g in search.grasps])
+    for points in failed:
+        for rank, grasp in enumerate(search.grasps if len(points) else ()):
+            between = np.linalg.norm(grasp.contact_points[:, None] - points, axis=-1).min(axis=0)
+            success[rank] *= 1.0 - np.exp(-0.5 * np.mean(between**2) / _ALIKE**2)
+    return [int(rank) for rank in np.argsort(-success, kind="stable")]

@@ -133,18 +133,21 @@ def _grasp_facts(attempt: Attempt) -> dict[str, Any]:
 
 
 def _attempt_facts(attempt: Attempt) -> dict[str, Any]:
+    lesson = {} if attempt.lesson is None else {"lesson": asdict(attempt.lesson)}
     if attempt.outcome is None:
         return {
             "grasp": None,
             "success_probability": None,
             "measured_contacts": 0,
             "reason": "no_grasp",
+            **lesson,
         }
     return {
         "grasp": attempt.rank + 1,
         "success_probability": attempt.search.grasps[attempt.rank].quality["success_probability"],
         "measured_contacts": len(attempt.outcome.measured_contacts),
         "reason": attempt.outcome.reason,
+        **lesson,
         **_use_facts(attempt.outcome),
     }
 
@@ -176,6 +179,7 @@ def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
         "turn": outcome.turn,
         "acceleration_survived": outcome.acceleration_survived,
         "simulated_seconds": outcome.duration,
+        "weighed": outcome.weighed,
         **_use_facts(outcome),
     }
 

@@ -7,16 +7,11 @@ from math import degrees
 from typing import Any
 
 from lis_grasp.lifting.arm_use import violations
-from lis_grasp.pipeline.reasons import lift_sentence, no_grasp_sentence
+from lis_grasp.pipeline.reasons import lesson_sentence, lift_sentence, no_grasp_sentence
 from lis_grasp.pipeline.report_json import motion_line
 
 # Below this intersection over union the estimate is named as poor.
 _LOW_IOU = 0.8
-_TRIED_AGAIN = {
-    "aborted": "aborted   {} by the tactile check, each planned again",
-    "no_arm_motion": "passed    {} to which the arm has no path, each followed by the next",
-    "set_down": "set down  {} that slipped at the start of the lift, each planned again",
-}
 # Below this coverage more touches are advised.
 _LOW_COVERAGE = 0.9
 
@@ -70,10 +65,10 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
         )
     else:
         lines.append("planned   no grasp found")
-    for reason, line in _TRIED_AGAIN.items():
-        times = sum(attempt["reason"] == reason for attempt in report["attempts"][:-1])
-        if times:
-            lines.append(line.format(times))
+    for number, attempt in enumerate(report["attempts"][:-1], start=1):
+        lesson = attempt.get("lesson")
+        taught = "the next grasp" if lesson is None else lesson_sentence(lesson)
+        lines.append(f"attempt {number} {attempt['reason']}; then {taught}")
     if lift["held"]:
         lines.append(
             f"lifted    {lift['mass']:.3g} kg, and held through the shake;"

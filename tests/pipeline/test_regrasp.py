@@ -14,11 +14,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from lis_grasp import Contacts, Hand, shapes
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration.planar_motion import planar_pose
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
-from lis_grasp.lifting.outcome import LiftOutcome
+from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome
 from lis_grasp.lifting.trial import AcceptGrasp
 from lis_grasp.pipeline import RunConfig, Scenario, regrasp
-from lis_grasp.pipeline.regrasp import Attempt, Stages, grasp_with_tactile_check
+from lis_grasp.pipeline.regrasp import Attempt, Lesson, Stages, grasp_with_tactile_check, touch_more
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
 ALLEGRO = Hand.load("allegro")
@@ -26,7 +27,9 @@ BOX = shapes.build("box")
 LEFT, RIGHT = np.array([[-0.03, 0.0, 0.0]]), np.array([[0.03, 0.0, 0.0]])
 
 
-def _outcome(reason: str, fingers: tuple[str, ...] = (), closed: bool = True) -> LiftOutcome:
+def _outcome(
+    reason: str, fingers: tuple[str, ...] = (), closed: bool = True, weighed: float | None = None
+) -> LiftOutcome:
     """Return an outcome with one measured contact per finger, the object pushed by 1 mm.
 
     The contacts are on top of the box, where they show no motion of it.
@@ -38,7 +41,10 @@ def _outcome(reason: str, fingers: tuple[str, ...] = (), closed: bool = True) ->
     held = reason == "held"
     pushed = scenes.pose(0.001, 0.0, 0.0)
     motion = scenes.motion()
-    return LiftOutcome(held, held, 0.0, 0.0, reason, 0.0, 1.0, motion, closed, measured, pushed)
+    lifted = reason in ("held", "dropped", "slipped", "turned")
+    return LiftOutcome(
+        lifted, held, 0.0, 0.0, reason, 0.0, 1.0, motion, closed, measured, pushed, weighed
+    )
 
 
 class _Script(Stages):
@@ -46,6 +52,7 @@ class _Script(Stages):
 
     def __init__(self, outcomes: list[LiftOutcome], grasps: tuple[Grasp, ...]) -> None:
         self.calls: list[dict[str, Any]] = []
+        self.sought: list[trimesh.Trimesh | None] = []
         self._left, self._grasps = iter(outcomes), grasps
 
     def estimate(self, scenario: Scenario, contacts: Contacts) -> trimesh.Trimesh:
@@ -63,8 +70,20 @@ class _Script(Stages):
         accept_grasp: AcceptGrasp | None,
     ) -> LiftOutcome:
         X_EO = scenario.truth.X_EO
-        self.calls.append({"grasp": grasp, "accept_grasp": accept_grasp, "X_EO": X_EO})
+        load = scenario.known.load
+        self.calls.append(
+            {"grasp": grasp, "accept_grasp": accept_grasp, "X_EO": X_EO, "load": load}
+        )
         return next(self._left)
+
+    def touch_more(
+        self, scenario: Scenario, contacts: Contacts, mesh: trimesh.Trimesh | None
+    ) -> tuple[Scenario, Contacts, Lesson]:
+        """Find the object where it is; touch it once on its back."""
+        self.sought.append(mesh)
+        back = np.array([[0.0, 0.02 + 0.002 * len(contacts), 0.0]])
+        found = contacts.append(Contacts(back, np.array([[0.0, 1.0, 0.0]])))
+        return scenario, found, Lesson(0, 1, 3, 0.0, False)
 
 
 def _scripted(
@@ -84,19 +103,53 @@ def test_a_held_grasp_ends_the_attempts() -> None:
     assert_array_equal(calls[0]["X_EO"], np.eye(4))
 
 
-def test_an_aborted_grasp_adds_its_contacts_and_starts_at_the_pushed_object() -> None:
-    outcomes = [_outcome("aborted", ("left",), closed=False), _outcome("dropped")]
+@pytest.mark.parametrize("reason", sorted(LOST_GRASPS))
+def test_a_failed_grasp_teaches_and_the_next_starts_where_the_object_rests(reason: str) -> None:
+    outcomes = [_outcome(reason, ("left",)), _outcome("held")]
     made, calls = _scripted(outcomes, (scenes.grasp(),), 3)
     assert [attempt.outcome for attempt in made] == outcomes
-    assert [len(attempt.contacts) for attempt in made] == [6, 7]
+    assert [len(attempt.contacts) for attempt in made] == [6, 8]
     measured = outcomes[0].measured_contacts.points[0]
     assert_allclose(made[1].contacts.points[6], measured, rtol=0.0, atol=1e-12)
+    assert made[0].lesson == Lesson(felt=1, touched=1, probes=3, moved=0.0, lost=False)
+    assert made[1].lesson is None
     assert_allclose(calls[1]["X_EO"], outcomes[0].X_WO, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("reason", ["unstable", "diverged"])
+def test_a_trial_that_says_nothing_of_the_grasp_ends_the_attempts(reason: str) -> None:
+    assert len(_scripted([_outcome(reason)], (scenes.grasp(),), 3)[0]) == 1
 
 
 def test_the_last_attempt_has_no_tactile_check() -> None:
     _, calls = _scripted([_outcome("aborted", ("left",))] * 2, (scenes.grasp(),), 2)
     assert [call["accept_grasp"] is None for call in calls] == [False, True]
+
+
+def test_a_lifted_object_is_weighed_for_the_next_plan() -> None:
+    outcomes = [
+        _outcome("not_lifted", weighed=0.1),  # the table may have carried a part
+        _outcome("dropped", weighed=0.6),
+        _outcome("held"),
+    ]
+    _, calls = _scripted(outcomes, (scenes.grasp(),), 3)
+    prior, second, third = (call["load"] for call in calls)
+    assert second == prior
+    assert (third.mass, third.mass_spread) == (0.6, 0.0)
+    assert third.friction == prior.friction
+
+
+def test_the_space_inside_the_felt_hand_is_free() -> None:
+    felt = Contacts(
+        RIGHT,
+        np.array([[1.0, 0.0, 0.0]]),
+        free_points=np.array([[0.1, 0.0, 0.0], [0.2, 0.0, 0.0]]),
+        free_radii=np.array([0.012, 0.001]),
+    )
+    failed = replace(_outcome("not_lifted"), measured_contacts=felt)
+    made, _ = _scripted([failed, _outcome("held")], (scenes.grasp(),), 2)
+    # As far as the object's pose is known, to 2 mm.
+    assert_allclose(made[1].contacts.free_radii[-1:], 0.01)
 
 
 def test_a_grasp_to_which_the_arm_has_no_way_is_followed_by_the_next_of_the_plan() -> None:
@@ -115,21 +168,32 @@ def test_an_arm_that_stops_with_the_object_in_its_hand_ends_the_attempts() -> No
     assert len(made) == 1
 
 
-def test_no_grasp_found_is_an_attempt_without_outcome() -> None:
-    [only], calls = _scripted([], (), 3)
-    assert only.outcome is None
-    assert not calls
+def test_without_a_grasp_an_object_that_has_not_moved_is_touched_some_more() -> None:
+    script = _Script([], ())
+    scenario = scenes.scenario(BOX, scenes.hand(), attempts=3)
+    made = list(grasp_with_tactile_check(scenario, scenes.contacts(), script))
+    assert [attempt.outcome for attempt in made] == [None] * 3
+    assert [len(attempt.contacts) for attempt in made] == [6, 7, 8]
+    assert script.sought == [None, None]
 
 
-def test_the_next_grasp_avoids_where_a_finger_closed_on_nothing() -> None:
+def test_the_next_grasp_is_away_from_what_failed() -> None:
     both = scenes.grasp()  # contacts of "left" and "right" 6 cm apart
-    near_left = replace(both, contact_points=both.contact_points + [0.0, 0.009, 0.0])
-    away = replace(both, contact_points=both.contact_points + [0.0, 0.011, 0.0])
-    outcomes = [_outcome("aborted", ("right",)), _outcome("held")]
-    made, _ = _scripted(outcomes, (both, near_left, away), 3)
-    assert [attempt.rank for attempt in made] == [0, 2]
-    # If none is away, the best one is tried.
-    made, _ = _scripted(outcomes, (both, near_left), 3)
+
+    def shifted(distance: float) -> Grasp:
+        return replace(both, contact_points=both.contact_points + [0.0, distance, 0.0])
+
+    grasps = (both, shifted(0.009), shifted(0.03))
+    for outcome in (_outcome("aborted", ("right",)), _outcome("turned")):
+        made, _ = _scripted([outcome, _outcome("held")], grasps, 3)
+        assert [attempt.rank for attempt in made] == [0, 2]
+    # A grasp that shares only one of the contacts that failed together is another grasp.
+    points = both.contact_points + np.array([[0.0, 0.0, 0.0], [0.0, 0.05, 0.0]])
+    half = replace(both, contact_points=points)
+    made, _ = _scripted([_outcome("turned"), _outcome("held")], (both, half), 3)
+    assert [attempt.rank for attempt in made] == [0, 1]
+    # What touched nothing before the hand closed says nothing of the grasp.
+    made, _ = _scripted([_outcome("aborted", closed=False), _outcome("held")], grasps, 3)
     assert [attempt.rank for attempt in made] == [0, 0]
 
 
@@ -206,7 +270,9 @@ def test_contacts_of_aborted_grasps_correct_a_displaced_estimate() -> None:
     for before, after in chain.from_iterable(map(pairwise, runs)):
         assert before.outcome is not None
         assert before.outcome.reason == "aborted"
-        assert len(after.contacts) == len(before.contacts) + len(before.outcome.measured_contacts)
+        assert before.lesson is not None
+        known = 0 if before.lesson.lost else len(before.contacts) + before.lesson.felt
+        assert len(after.contacts) == known + before.lesson.touched
         # The contacts of all attempts are on the true object, which each of them may have pushed.
         measured = after.contacts.points[len(runs[0][0].contacts) :]
         assert len(measured)
@@ -214,6 +280,24 @@ def test_contacts_of_aborted_grasps_correct_a_displaced_estimate() -> None:
         on_object = trimesh.transform_points(measured, X_OE)
         assert distances_to_mesh(on_object, BOX.mesh)[0].max() < 0.01
     assert sum(map(_holds, runs)) >= 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("motion", "lost"), [((0.008, -0.006, 0.1), False), ((0.12, 0.05, 0.9), True)]
+)
+def test_a_displaced_object_is_found_again_by_touch(motion: tuple[float, ...], lost: bool) -> None:
+    config = RunConfig("box", hand="allegro", region=[0.5, 0.5, 0.3], pose="stable", seed=1)
+    scenario = Scenario.from_config(config)
+    mesh, X_EO = scenario.truth.shape.mesh, planar_pose(np.array(motion))
+    points, faces = trimesh.sample.sample_surface(mesh, 20, seed=0)
+    above = mesh.face_normals[faces][:, 2] > -0.5
+    contacts = Contacts(points[above], mesh.face_normals[faces][above])
+    found, touched, lesson = touch_more(scenario.moved(np.eye(4), X_EO), contacts, mesh)
+    assert lesson.moved > 0.005
+    on_object = trimesh.transform_points(touched.points, np.linalg.inv(found.truth.X_EO))
+    assert distances_to_mesh(on_object, mesh)[0].max() < 0.003
+    assert len(touched) > len(contacts)
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.hand_capacity import balanced_grip
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
+from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOptions, LiftOutcome
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.trial import AcceptGrasp
 from lis_grasp.lifting.wrist_path import line, shake_about
@@ -449,6 +449,33 @@ def test_closed_fingers_measure_the_true_surface(allegro: Hand) -> None:
     assert not outcome.lifted
     away = outcome.motion.poses[allegro.base_link][[0, -1], :3, 3]
     np.testing.assert_allclose(away[0], away[1], atol=2e-3)
+
+
+@pytest.mark.slow
+def test_a_hand_with_a_tactile_check_lets_a_lost_object_go(wsg50: Hand) -> None:
+    # The pads are at one end of a bar, which turns between them: it is lowered, and lies again.
+    bar = trimesh.creation.box((0.05, 0.3, 0.03))
+    grasp = jaw_grasp(wsg50, np.array([0.0, 0.13, 0.0]), 0.05)
+    setup = LiftSetup(bar, wsg50, grasp, -0.015, mass=0.5)
+    alone = simulate_lift(setup)
+    outcome = simulate_lift(setup, lambda contacts: True)
+    assert not alone.held
+    assert outcome.reason in LOST_GRASPS
+    assert outcome.X_WO[2, 3] == pytest.approx(0.0, abs=2e-3)
+    assert outcome.X_WO[2, 2] > 0.999
+    palms = outcome.motion.poses[wsg50.base_link][[0, -1], :3, 3]
+    np.testing.assert_allclose(palms[0], palms[1], atol=2e-3)
+    # It was weighed while it was lifted, as far as the table did not help.
+    assert outcome.weighed is not None
+    assert 0.1 < outcome.weighed < 0.55
+
+
+def test_the_hand_weighs_what_it_lifts(wsg50: Hand) -> None:
+    grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
+    for mass in (0.1, 0.6):
+        outcome = lift_box(wsg50, grasp, options=replace(QUICK, lift_time=1.0), mass=mass)
+        assert outcome.held
+        assert outcome.weighed == pytest.approx(mass, rel=0.05)
 
 
 def test_a_hand_with_a_tactile_check_stops_at_an_unexpected_contact(
