@@ -301,6 +301,8 @@ def _likeliest_first(search: GraspSearch, failed: Sequence[FloatArray]) -> list[
     A grasp fails with one that failed by the probability ``exp(-d^2 / 2 l^2)``, where d is the root
     mean square distance of the failed contacts from its nearest ones.
     """
+    if not any(map(len, failed)):
+        return list(range(len(search.grasps)))
     success = np.array([g.quality.get("success_probability", 1.0) for g in search.grasps])
     for points in failed:
         for rank, grasp in enumerate(search.grasps if len(points) else ()):
