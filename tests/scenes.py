@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import re
+import threading
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,11 +17,12 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import HandPose, Probe, ProbeOutcome
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.motion import Motion
-from lis_grasp.pipeline import RunConfig, Scenario
+from lis_grasp.pipeline import SILENT, RunConfig, Scenario
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import Joint, LinkGeometry, Pad
 from lis_grasp.shapes import Shape
 from lis_grasp.visualization import Scene
+from lis_grasp.visualization.scene_server import SceneServer
 
 HALF = 0.03
 
@@ -154,3 +161,36 @@ def scenario(shape: Shape, hand: Hand, X_EO: np.ndarray | None = None, **options
     """Return the scenario of an object of 0.2 kg at a pose, with a run's options by name."""
     config = RunConfig(**{"mass": 0.2, **options})
     return Scenario.from_config(config, shape, hand, recorded={"X_EO": X_EO})
+
+
+def facts_of(page: str) -> dict[str, Any]:
+    """Return the values for the script of a scene's page."""
+    return json.loads(re.search(r'id="scene-data">(.*?)</script>', page, re.DOTALL)[1])
+
+
+@contextmanager
+def served(folder: Path, **options: Any) -> Iterator[SceneServer]:
+    """Serve the scene of a folder in a thread."""
+    with SceneServer(folder, port=0, **options) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        try:
+            yield server
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+class Told:
+    """Progress that keeps the titles of stages and the lines."""
+
+    def __init__(self) -> None:
+        self.titles: list[str] = []
+        self.lines: list[str] = []
+
+    def stage(self, title: str) -> AbstractContextManager[Any]:
+        self.titles.append(title)
+        return SILENT.stage(title)
+
+    def say(self, text: str) -> None:
+        self.lines.append(text)

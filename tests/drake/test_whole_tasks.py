@@ -121,7 +121,7 @@ model_drivers:
     made = {}
 
     def add(parser: object) -> None:
-        plant = parser.plant()  # type: ignore[attr-defined]
+        plant = parser.plant()
         world = plant.world_frame()
         made["hand"] = add_hand(plant, "wsg50", parent=world)
         made["body"] = add_object(plant, BOX)

@@ -77,7 +77,7 @@ class NeverProber:
         self.status = status
 
     def probe(self, probe: Probe, obstacles: object = None) -> ProbeOutcome:
-        return ProbeOutcome(probe, self.status)  # type: ignore[arg-type]
+        return ProbeOutcome(probe, self.status)
 
 
 def policy_for(shape: Shape) -> TargetPolicy:
@@ -160,9 +160,9 @@ def test_a_probe_runs_from_its_start_to_its_end_through_its_target() -> None:
 )
 def test_an_invalid_probe_is_refused(option: str, value: object) -> None:
     valid = {"target": [0, 0, 0], "direction": [0, 0, 1], "standoff": 0.1, "overshoot": 0.0}
-    Probe(**valid)  # type: ignore[arg-type]
+    Probe(**valid)
     with pytest.raises(InvalidOptionError) as error:
-        Probe(**(valid | {option: value}))  # type: ignore[arg-type]
+        Probe(**(valid | {option: value}))
     assert error.value.option == option
 
 
@@ -181,9 +181,9 @@ def test_an_invalid_probe_is_refused(option: str, value: object) -> None:
 def test_an_invalid_outcome_is_refused(change: dict, option: str) -> None:
     probe = Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1)
     valid = {"probe": probe, "status": "touched", "contacts": Contacts([[0, 0, 0]], [[0, 0, -1]])}
-    ProbeOutcome(**valid)  # type: ignore[arg-type]
+    ProbeOutcome(**valid)
     with pytest.raises(InvalidOptionError) as error:
-        ProbeOutcome(**(valid | change))  # type: ignore[arg-type]
+        ProbeOutcome(**(valid | change))
     assert error.value.option == option
 
 
@@ -253,7 +253,7 @@ def touch_at(*heights: float) -> Contacts:
 
 def run(script: Scripted, touches: int, **options: object) -> Exploration:
     setup = ExplorationSetup(script, lambda contacts: Ball(1.0), touches)
-    return explore(script, setup, rng=np.random.default_rng(0), **options)  # type: ignore[arg-type]
+    return explore(script, setup, rng=np.random.default_rng(0), **options)
 
 
 def test_an_exploration_ends_with_the_wanted_number_of_contacts() -> None:
@@ -316,9 +316,9 @@ def test_an_exploration_without_touches_is_refused() -> None:
 )
 def test_an_invalid_workspace_is_refused(option: str, value: object) -> None:
     valid = {"step": 0.03, "center": [0, 0, 0], "size": 0.12}
-    Workspace(**valid)  # type: ignore[arg-type]
+    Workspace(**valid)
     with pytest.raises(InvalidOptionError) as error:
-        Workspace(**(valid | {option: value}))  # type: ignore[arg-type]
+        Workspace(**(valid | {option: value}))
     assert error.value.option == option
 
 
@@ -579,5 +579,5 @@ def test_touches_are_one_per_kept_contact_in_order() -> None:
 def test_an_invalid_hand_pose_is_refused(option: str, value: object) -> None:
     valid = {"X_OH": np.eye(4), "joint_positions": [0.1]}
     with pytest.raises(InvalidOptionError) as error:
-        HandPose(**(valid | {option: value}))  # type: ignore[arg-type]
+        HandPose(**(valid | {option: value}))
     assert error.value.option == option

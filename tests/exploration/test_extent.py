@@ -59,16 +59,13 @@ def test_both_ends_of_a_bar_are_touched_first(yaw: float) -> None:
 def test_after_the_first_contact_height_and_far_side_are_probed_then_the_ends() -> None:
     outcomes = [touched(np.array([0.0, -0.02, 0.02]), -Y)]
     down = probe_after(outcomes)
-    assert down is not None
     np.testing.assert_allclose(down.direction, -UP)
     np.testing.assert_allclose(down.target[:2], [0.0, -0.008])
     outcomes.append(touched(np.array([0.0, -0.008, 0.04]), UP))
     far = probe_after(outcomes)
-    assert far is not None
     np.testing.assert_allclose(far.direction, -Y, atol=1e-12)
     outcomes.append(touched(np.array([0.0, 0.02, 0.02]), Y))
     end = probe_after(outcomes)
-    assert end is not None
     assert abs(end.direction @ X) == pytest.approx(1.0)
     assert end.target[2] == pytest.approx(0.02)  # half of the height
 
@@ -96,18 +93,15 @@ def test_a_sweep_beyond_the_end_of_a_long_object_opens_it_again_where_it_touches
         touched(np.array([-0.1, 0.0, 0.02]), -X),
     ]
     sweep = probe_after(outcomes)
-    assert sweep is not None
     assert abs(sweep.direction @ Y) == pytest.approx(1.0)
     side = np.sign(sweep.target[0])
     assert abs(sweep.target[0]) > 0.12
     jaw = np.array([1.25 * side * 0.1, 0.01, 0.02])
     met = ProbeOutcome(sweep, "touched", Contacts(jaw[None], -sweep.direction[None]))
     again = probe_after([*outcomes, met])
-    assert again is not None
     np.testing.assert_allclose(again.direction, -side * X, atol=0.1)
     free = ProbeOutcome(sweep, "missed")
     other = probe_after([*outcomes, free])
-    assert other is not None
     assert np.sign(other.target[0]) == -side
     assert probe_after([*outcomes, free, ProbeOutcome(other, "missed")]) is None
 

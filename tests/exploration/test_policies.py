@@ -96,7 +96,6 @@ def test_widest_selects_the_target_that_covers_the_most_new_surface() -> None:
     )
     scores = areas / areas.max() + nearest / 0.02  # all gaps are below three steps
     i = widest(found, Ball(), rng=rng)
-    assert i is not None
     assert touchable[i]
     assert scores[i] == pytest.approx(scores[touchable].max())
 
@@ -176,7 +175,6 @@ def test_the_felt_step_is_that_of_the_ball_of_the_same_area(factor: float) -> No
 def test_lines_cross_the_hull_where_they_cross_the_box() -> None:
     mesh = bar((0.3, 0.025, 0.025), (0.3, 0.5, 0.7))
     hull = ContactHull.of(corners_and_middles(mesh))
-    assert hull is not None
     rng = np.random.default_rng(0)
     starts = 0.3 * rng.normal(size=(200, 3))
     directions = 0.05 * rng.normal(size=(200, 3)) - starts
@@ -232,7 +230,6 @@ def test_bars_and_plates_are_covered_with_few_missed_probes(
     covered = reachable_coverage(
         mesh, exploration.contacts, tip_radius=0.012, radius=touch_radius(mesh)
     )
-    assert covered is not None
     assert covered >= 0.9
 
 

@@ -92,7 +92,6 @@ def test_a_contact_stays_where_the_hand_found_it_when_the_object_moves_on() -> N
     # Found at the same place of the hand's: nothing has moved, and the frame goes back.
     here = -0.03 - x
     again, _ = tracker.track(touched_at(here), [first], first.contacts, None, repeated=True)
-    assert again.tracked is not None
     # The second touch may push too, now on a known scale.
     assert again.tracked.X_WE[0, 3] < 0.5 * x
 
@@ -102,7 +101,6 @@ def test_an_uncertain_place_is_probed_again_at_once() -> None:
     assert tracker.probe_again(()) is None
     first, _ = tracker.track(touched_at(-0.03), (), Contacts.empty(), None, repeated=False)
     again = tracker.probe_again([first])
-    assert again is not None
     np.testing.assert_array_equal(again.target, PROBE.target)
     assert again.overshoot > PROBE.overshoot
 
@@ -114,10 +112,8 @@ def test_a_place_that_a_repetition_left_uncertain_is_not_repeated_at_once() -> N
     other = replace(other, probe=replace(PROBE, target=np.array([-0.05, 0.0, 0.02])))
     repeated = replace(first, tracked=replace(uncertain, repeated=True))
     again = tracker.probe_again([first, repeated, other])
-    assert again is not None
     np.testing.assert_array_equal(again.target, other.probe.target)
     much_later = tracker.probe_again([first, repeated, *8 * [first]])
-    assert much_later is not None
     np.testing.assert_array_equal(much_later.target, PROBE.target)
 
 
@@ -171,7 +167,6 @@ def test_the_log_keeps_both_poses_to_the_last_bit(tmp_path: Path) -> None:
     written = replace(touched_at(-0.03), tracked=belief, simulated_pose=X_EF)
     log.append(written)
     (read,) = log.resume()
-    assert read.tracked is not None
     assert read.tracked.as_dict() == belief.as_dict()
     np.testing.assert_array_equal(read.simulated_pose, X_EF)
     text = log.path.read_text().replace('"X_WE": [[1', '"X_WE": [["a"', 1)
@@ -197,8 +192,6 @@ def test_an_outcome_in_another_frame_is_the_same_touch() -> None:
         moved.contacts.normals @ X_EF[:3, :3].T, outcome.contacts.normals, atol=1e-15
     )
     np.testing.assert_allclose(back.free_points, outcome.free_points, atol=1e-15)
-    assert back.hand_pose is not None
-    assert outcome.hand_pose is not None
     np.testing.assert_allclose(back.hand_pose.X_OH, outcome.hand_pose.X_OH, atol=1e-15)
     np.testing.assert_allclose(back.simulated_pose, np.eye(4), atol=1e-15)
 

@@ -73,7 +73,6 @@ def test_space_that_is_all_free_leaves_no_place_and_no_probe() -> None:
 
 def test_the_first_motion_is_a_low_sweep_through_the_region() -> None:
     probe = search_probe(REGION, [], rng=np.random.default_rng(0))
-    assert probe is not None
     assert abs(probe.direction[2]) < 1e-12
     assert 0.0 < probe.start[2] < 0.06
     assert probe.standoff + probe.overshoot >= 0.4
@@ -83,7 +82,6 @@ def test_a_blocked_motion_is_not_repeated() -> None:
     outcomes: list[ProbeOutcome] = []
     for _ in range(5):
         probe = search_probe(REGION, outcomes, rng=np.random.default_rng(0))
-        assert probe is not None
         for earlier in outcomes:
             same = np.allclose(probe.target, earlier.probe.target)
             assert not (same and np.allclose(probe.direction, earlier.probe.direction))
@@ -98,7 +96,6 @@ def test_a_ball_is_found_anywhere(radius: float) -> None:
         outcomes: list[ProbeOutcome] = []
         while not outcomes or outcomes[-1].status == "missed":
             probe = search_probe(REGION, outcomes, rng=rng)
-            assert probe is not None
             outcomes.append(prober.probe(probe))
         # Sweeps of the width of ball and tip, twice, cover the region.
         assert len(outcomes) <= 2.0 * 0.4 / (2.0 * (radius + TIP)) + 2
@@ -123,7 +120,6 @@ def test_after_the_first_contact_the_other_sides_are_touched() -> None:
     rng, outcomes, contacts = np.random.default_rng(0), [], Contacts.empty()
     while sum(len(outcome.contacts) for outcome in outcomes) < 5:
         probe = policy.next_probe(contacts, None, outcomes=outcomes, rng=rng)
-        assert probe is not None
         outcomes.append(prober.probe(probe))
         contacts = contacts.append(outcomes[-1].contacts)
         assert len(outcomes) < 30
@@ -146,15 +142,13 @@ def test_a_cloud_makes_the_other_sides_known() -> None:
         policy.next_probe(known, surface, outcomes=[touched], rng=np.random.default_rng(1))
         for policy in (RegionPolicy(REGION, TargetPolicy), TargetPolicy(REGION.grown(known)))
     ]
-    assert probes[0] is not None
-    assert probes[1] is not None
     np.testing.assert_array_equal(probes[0].target, probes[1].target)
 
 
 @pytest.mark.parametrize("lengths", [(0.4, 0.4), (0.4, 0.4, 0.0), (0.4, np.nan, 0.3), "box", 0.4])
 def test_a_region_without_three_positive_lengths_is_refused(lengths: object) -> None:
     with pytest.raises(InvalidOptionError, match="region"):
-        Region(lengths)  # type: ignore[arg-type]
+        Region(lengths)
 
 
 class Coin(Ball):
@@ -184,7 +178,6 @@ def test_a_thing_of_4_mm_is_found_by_sweeps_as_low_as_the_fingertip_goes(tip_rad
     while not outcomes or outcomes[-1].status == "missed":
         assert len(outcomes) < 15
         probe = search_probe(region, outcomes, rng=rng)
-        assert probe is not None
         level = probe.direction[2] == 0.0
         assert not level or min(probe.start[2], probe.end[2]) > tip_radius
         outcomes.append(coin.probe(probe))

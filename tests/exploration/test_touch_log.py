@@ -189,8 +189,6 @@ def test_a_log_keeps_every_bit_of_its_outcomes(tmp_path: Path) -> None:
         assert read.contacts.fingers == written.contacts.fingers
         assert (read.hand_pose is None) == (written.hand_pose is None)
     pose, same = outcomes[1].hand_pose, log.resume()[1].hand_pose
-    assert pose is not None
-    assert same is not None
     np.testing.assert_array_equal(same.X_OH, pose.X_OH)
     np.testing.assert_array_equal(same.joint_positions, pose.joint_positions)
 
@@ -224,7 +222,6 @@ def test_a_log_keeps_the_belief_of_an_object_that_was_lost(
     belief = replace(PoseBelief.start(), trust=trust, count=count)
     log.append(ProbeOutcome(Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1), "missed", tracked=belief))
     (outcome,) = load_outcomes(log.path)
-    assert outcome.tracked is not None
     assert outcome.tracked.as_dict() == belief.as_dict()
     assert (outcome.tracked.trust, outcome.tracked.count) == (trust, count)
 

@@ -1,38 +1,21 @@
 """Bad contacts from file to page: named, repeated by later stages, and believed on request."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from scenes import Told
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, TooManyBadContactsError
 from lis_grasp.pipeline import ContactSource, estimate_file, grasp_file
-from lis_grasp.pipeline.progress import SILENT
 from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.pipeline.run_scene import scene_of
 
 BOX = trimesh.creation.box(extents=[0.06, 0.05, 0.04])
 FLIPPED, STRAY = 7, 20
-
-
-@dataclass
-class Lines:
-    """Progress that keeps its lines."""
-
-    lines: list[str] = field(default_factory=list)
-
-    def say(self, line: str) -> None:
-        self.lines.append(line)
-
-    @contextmanager
-    def stage(self, title: str) -> Iterator[object]:
-        with SILENT.stage(title) as stage:
-            yield stage
 
 
 @pytest.fixture
@@ -48,7 +31,7 @@ def touches(tmp_path: Path) -> Path:
 
 
 def test_an_estimate_names_bad_contacts_and_grasps_repeat_it(touches: Path) -> None:
-    said = Lines()
+    said = Told()
     made = estimate_file([ContactSource(touches)], touches.parent / "out", progress=said)
     np.testing.assert_allclose(1e3 * made.mesh.extents, [60.0, 50.0, 40.0], atol=0.2)
     assert len(Contacts.load(made.path.with_name("contacts.ply"))) == 60  # what was measured
@@ -60,7 +43,7 @@ def test_an_estimate_names_bad_contacts_and_grasps_repeat_it(touches: Path) -> N
     assert all(f"row {row + 1}" in warning for row in (FLIPPED, STRAY))
     assert any(warning in line for line in said.lines)
     assert sorted(scene_of(made.path.parent).bad_contacts) == [FLIPPED, STRAY]
-    again = Lines()
+    again = Told()
     grasp_file(made.path, hand="wsg50", grasps=1, progress=again)
     assert any(warning in line for line in again.lines)
 
@@ -75,7 +58,7 @@ def test_few_contacts_are_warned_of_by_grasps_too(tmp_path: Path) -> None:
     axes = np.vstack([np.eye(3), -np.eye(3)])
     Contacts(0.03 * axes, axes).save(tmp_path / "six.csv")
     made = estimate_file([ContactSource(tmp_path / "six.csv")], tmp_path / "out")
-    said = Lines()
+    said = Told()
     grasp_file(made.path, hand="wsg50", grasps=1, progress=said)
     assert any("fewer than 10 contacts" in line for line in said.lines)
 

@@ -51,7 +51,6 @@ def test_each_file_keeps_its_noise_or_gets_its_own(tmp_path: Path) -> None:
     paths = [tmp_path / name for name in ("cloud.ply", "touches.csv", "known.csv")]
     joined = join_sources(map(ContactSource, paths))
     assert len(joined) == 362
-    assert joined.position_noise is not None
     # Estimated from each file alone: within the factor that estimates keep.
     assert joined.position_noise[0] == pytest.approx(0.003, rel=0.5)
     assert joined.position_noise[300] == pytest.approx(2e-4, rel=0.5)
@@ -68,7 +67,6 @@ def test_the_noise_that_a_file_s_header_records_is_that_of_its_contacts(tmp_path
     box_cloud(60, top=False).save(path, header='lis_grasp {"position_noise": 0.002}')
     contacts = load_source(ContactSource(path))
     np.testing.assert_array_equal(contacts.position_noise, np.full(60, 0.002))
-    assert contacts.normal_noise is not None
     assert contacts.normal_noise[0] == pytest.approx(TILT, rel=0.5)
 
 
@@ -78,7 +76,6 @@ def test_one_kind_of_noise_leaves_the_other_to_be_estimated(tmp_path: Path) -> N
     box_cloud(300, top=False).save(path)
     exact = load_source(ContactSource(path, position_noise=0.0))
     np.testing.assert_array_equal(exact.position_noise, 0.0)
-    assert exact.normal_noise is not None
     assert exact.normal_noise == pytest.approx(TILT, rel=0.5)
     sensor = TactileSensor(position_noise=0.001)
     surface = make_estimator("blend", sensor)(Contacts.load(path))
@@ -135,7 +132,6 @@ def test_explore_keeps_touches_and_cloud_and_resumes(upper_half: Path, tmp_path:
     cloud = Contacts.load(upper_half)
     np.testing.assert_array_equal(contacts.points[:4], touched[:4])
     np.testing.assert_array_equal(contacts.points[4:], cloud.points)
-    assert contacts.position_noise is not None
     np.testing.assert_array_equal(np.isnan(contacts.position_noise[:4]), True)
     assert contacts.position_noise[4] == pytest.approx(NOISE, rel=0.5)
 

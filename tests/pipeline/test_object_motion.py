@@ -32,7 +32,6 @@ def test_a_fixed_object_has_no_motion() -> None:
 
 def test_an_unnoticed_motion_is_an_error() -> None:
     facts = motion_facts(BOX, explored(SHIFT, None))
-    assert facts is not None
     assert facts["displacement"] == pytest.approx(0.002)
     # The two faces across the motion are 2 mm off, the four others lie in themselves.
     assert 0.0002 < facts["tracking_error"] < 0.001
@@ -44,7 +43,6 @@ def test_an_unnoticed_motion_is_an_error() -> None:
 def test_a_tracked_motion_is_no_error() -> None:
     belief = replace(PoseBelief.start(), X_WE=SHIFT, repeated=True)
     facts = motion_facts(BOX, explored(np.eye(4), belief))
-    assert facts is not None
     assert facts["displacement"] == pytest.approx(0.002)
     assert facts["tracking_error"] == pytest.approx(0.0, abs=1e-9)
     assert facts["repeated_probes"] == 1
@@ -53,6 +51,5 @@ def test_a_tracked_motion_is_no_error() -> None:
 def test_after_a_loss_only_contacts_have_an_error() -> None:
     belief = replace(PoseBelief.start(), trust="lost")
     facts = motion_facts(BOX, explored(SHIFT, belief))
-    assert facts is not None
     assert facts["tracking_error"] is None
     assert "lost 1 time" in motion_line(facts)

@@ -13,7 +13,6 @@ import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 
 from lis_grasp import Contacts, Hand, shapes
-from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration.planar_motion import planar_pose
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome
@@ -218,13 +217,6 @@ def test_flat_pads_may_touch_parallel_faces_at_opposite_ends() -> None:
     assert not regrasp._tactile_check(BOX.mesh, ALLEGRO, 0.8)(Contacts(points, faces))
 
 
-@pytest.mark.parametrize("attempts", [0, -1])
-def test_attempts_must_be_positive(attempts: int) -> None:
-    with pytest.raises(InvalidOptionError) as error:
-        RunConfig(attempts=attempts)
-    assert (error.value.option, error.value.value) == ("attempts", attempts)
-
-
 # ---- lifts in Drake -------------------------------------------------------------------------
 
 
@@ -257,7 +249,6 @@ def _holds(attempts: list[Attempt]) -> bool:
 @pytest.mark.slow
 def test_a_correct_estimate_passes_the_tactile_check_at_once() -> None:
     (only,) = _attempts(np.zeros(3), 3)
-    assert only.outcome is not None
     assert only.outcome.reason == "held"
 
 
@@ -268,7 +259,6 @@ def test_contacts_of_aborted_grasps_correct_a_displaced_estimate() -> None:
     assert not any(_holds(_attempts(aside, 1, seed)) for seed in seeds)
     runs = [_attempts(aside, 3, seed) for seed in seeds]
     for before, after in chain.from_iterable(map(pairwise, runs)):
-        assert before.outcome is not None
         assert before.outcome.reason == "aborted"
         assert before.lesson is not None
         known = 0 if before.lesson.lost else len(before.contacts) + before.lesson.felt
@@ -298,15 +288,3 @@ def test_a_displaced_object_is_found_again_by_touch(motion: tuple[float, ...], l
     on_object = trimesh.transform_points(touched.points, np.linalg.inv(found.truth.X_EO))
     assert distances_to_mesh(on_object, mesh)[0].max() < 0.003
     assert len(touched) > len(contacts)
-
-
-@pytest.mark.slow
-def test_regrasping_holds_objects_that_one_attempt_does_not() -> None:
-    # The contacts are off by more than half the box's width: one attempt never held it, three
-    # attempts do for some seeds.
-    aside = np.array([0.0, 0.035, 0.0])
-    one, three = (
-        [_holds(_attempts(aside, attempts, seed)) for seed in range(3)] for attempts in (1, 3)
-    )
-    assert sum(one) == 0
-    assert sum(three) >= 1

@@ -32,6 +32,10 @@ AXES = np.vstack([np.eye(3), -np.eye(3)])
 LATER = ("grasps.isaac.yaml", "motion.npz", "lifts.json", "report.json", "scene.html")
 
 
+def files(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in folder.rglob("*.*")}
+
+
 @pytest.fixture(scope="module")
 def explored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("explored")
@@ -94,11 +98,20 @@ def test_files_next_to_a_foreign_surface_are_kept(tmp_path: Path) -> None:
     assert report.exists()
 
 
-def test_a_refused_stage_changes_no_file(full_folder: Path) -> None:
-    folder = full_folder
-    before = {path: path.read_bytes() for path in folder.rglob("*.*")}
-    assert main(["estimate", str(folder / "contacts.ply"), "--position-noise", "-1"]) == 2
-    assert {path: path.read_bytes() for path in folder.rglob("*.*")} == before
+@pytest.mark.parametrize(
+    ("file", "options", "code"),
+    [
+        ("contacts.ply", ["--position-noise", "-1"], 2),
+        ("surface.ply", [], 2),  # an estimate is not taken for its contacts
+        ("contacts.ply", [], 0),  # an equal surface keeps what was made from it
+    ],
+)
+def test_a_refused_stage_or_an_equal_surface_changes_no_file(
+    file: str, options: list[str], code: int, full_folder: Path
+) -> None:
+    before = files(full_folder)
+    assert main(["estimate", str(full_folder / file), *options]) == code
+    assert files(full_folder) == before
 
 
 def test_a_scene_older_than_its_files_is_outdated(tmp_path: Path) -> None:
@@ -266,17 +279,17 @@ def test_a_mesh_of_the_same_name_does_not_replace_results(
     options = EXPLORE[2:]
     assert main(["explore", "a/part.stl", *options]) == 0
     (made,) = (tmp_path / "results").iterdir()
-    before = {path: path.read_bytes() for path in made.rglob("*.*")}
+    before = files(made)
     capsys.readouterr()
     assert main(["explore", "b/part.stl", *options]) == 2
     assert "results of another object (a/part.stl)" in capsys.readouterr().err
-    assert {path: path.read_bytes() for path in made.rglob("*.*")} == before
+    assert files(made) == before
 
 
 def test_an_exploration_of_another_object_is_not_replaced(
     full_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    before = {path: path.read_bytes() for path in full_folder.rglob("*.*")}
+    before = files(full_folder)
     options = ["--output", str(full_folder)]
     assert main(["explore", "pentagon", *EXPLORE[2:], *options]) == 2
     assert "another object (box)" in capsys.readouterr().err
@@ -284,7 +297,7 @@ def test_an_exploration_of_another_object_is_not_replaced(
     Contacts(0.03 * AXES, AXES).save(own)
     assert main(["estimate", str(own), *options]) == 2
     assert "--output" in capsys.readouterr().err
-    assert {path: path.read_bytes() for path in full_folder.rglob("*.*")} == before
+    assert files(full_folder) == before
 
 
 @pytest.mark.parametrize("name", ["contacts.ply", "surface.ply", "grasps.json", "report.json"])
@@ -296,13 +309,7 @@ def test_files_of_other_programs_are_not_replaced(
     before = foreign.read_bytes()
     assert main([*EXPLORE, "--output", str(tmp_path)]) == 2
     assert f"{foreign} would be replaced" in capsys.readouterr().err
-    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == {foreign: before}
-
-
-def test_an_equal_surface_keeps_what_was_made_from_it(full_folder: Path) -> None:
-    before = {path: path.read_bytes() for path in full_folder.rglob("*.*")}
-    assert main(["estimate", str(full_folder / "contacts.ply")]) == 0
-    assert {path: path.read_bytes() for path in full_folder.rglob("*.*")} == before
+    assert files(tmp_path) == {foreign: before}
 
 
 def test_a_refused_run_makes_no_folder(tmp_path: Path) -> None:
@@ -331,13 +338,7 @@ def test_contacts_in_other_units_do_not_stand_beside_their_surface(tmp_path: Pat
     Contacts(30.0 * AXES, AXES).save(own, header=provenance.describe())
     before = own.read_bytes()
     assert main(["estimate", str(own), "--units", "mm"]) == 2
-    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == {own: before}
+    assert files(tmp_path) == {own: before}
     elsewhere = tmp_path / "elsewhere"
     assert main(["estimate", str(own), "--units", "mm", "--output", str(elsewhere)]) == 0
     assert main(["estimate", str(elsewhere / "contacts.ply")]) == 0
-
-
-def test_an_estimate_is_not_taken_for_its_contacts(full_folder: Path) -> None:
-    before = {path: path.read_bytes() for path in full_folder.rglob("*.*")}
-    assert main(["estimate", str(full_folder / "surface.ply")]) == 2
-    assert {path: path.read_bytes() for path in full_folder.rglob("*.*")} == before

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from scenes import Told
 
 from lis_grasp.cli.main import main
 from lis_grasp.exploration import load_outcomes
@@ -30,25 +31,10 @@ class RoundRobin:
 """
 
 
-class Lines:
-    """Progress that keeps the lines."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def stage(self, title: str):
-        from lis_grasp.pipeline.progress import SILENT
-
-        return SILENT.stage(title)
-
-    def say(self, text: str) -> None:
-        self.lines.append(text)
-
-
 def explored(folder: Path, *, fresh: bool = False, **options: object) -> list[str]:
     """Explore in a folder; return what was said."""
     config = RunConfig(**{"prober": "kinematic", "hand": "wsg50", "touches": 3, **options})
-    progress = Lines()
+    progress = Told()
     explore_into(folder, Scenario.from_config(config), progress=progress, fresh=fresh)
     return progress.lines
 

@@ -20,6 +20,7 @@ from lis_grasp.pipeline.scenario import workspace
         "size": (-1.0, 0.0, "0.1", True, np.nan),
         "touches": (2.5, 0, True, "40", None),
         "seed": (-1, 0.0),
+        "attempts": (0, -1),
         "object": ("", 3, None),
         "free": (1, "yes", None),
         "until_success": (0.0, 1.0),
@@ -47,11 +48,11 @@ def test_a_hand_or_arm_that_no_name_stands_for_is_refused() -> None:
         RunConfig(hand="alegro")
     with pytest.raises(InvalidInputError, match="'iiwa15' is neither: did you mean 'iiwa14'"):
         RunConfig(arm="iiwa15")
-    assert RunConfig(hand=Path("elsewhere/now.yaml")).hand == "elsewhere/now.yaml"  # type: ignore[arg-type]
+    assert RunConfig(hand=Path("elsewhere/now.yaml")).hand == "elsewhere/now.yaml"
 
 
 def test_numbers_of_numpy_are_kept_as_plain_ones() -> None:
-    config = RunConfig(touches=np.int64(7), friction=np.float64(0.5))  # type: ignore[arg-type]
+    config = RunConfig(touches=np.int64(7), friction=np.float64(0.5))
     assert (type(config.touches), type(config.friction)) == (int, float)
 
 
@@ -83,7 +84,7 @@ def test_numbers_of_a_stage_on_files_are_checked(tmp_path: Path) -> None:
     grasps = pipeline.grasp_file(tmp_path / "box.stl", hand="wsg50", grasps=1).path
     for options in ({"best": None}, {"best": 0}, {"jobs": 0}):
         with pytest.raises(InvalidOptionError, match="must be"):
-            pipeline.lift_file(grasps, object="box", **options)  # type: ignore[arg-type]
+            pipeline.lift_file(grasps, object="box", **options)
     with pytest.raises(InvalidOptionError, match="^support must be"):
         pipeline.grasp_file(tmp_path / "box.stl", support=np.nan)
     with pytest.raises(InvalidOptionError, match="records no object"):

@@ -62,7 +62,6 @@ def test_contacts_are_on_the_placed_object_and_above_the_table() -> None:
     # Noise of 0.5 mm along each axis, and half a taxel of 2 mm along a surface of radius 36 mm.
     assert gaps.max() < 4.0 * 0.0005 + 0.001**2 / 0.036 + 1e-4
     assert contacts.points[:, 2].min() > -0.002
-    assert contacts.position_noise is not None
     assert np.all(contacts.position_noise == 0.0005)
 
 

@@ -32,7 +32,6 @@ def test_a_worker_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
         stderr=subprocess.DEVNULL,
         text=True,
     )
-    assert parent.stdout is not None
     worker = int(parent.stdout.readline())
     os.kill(parent.pid, signal.SIGKILL)
     parent.wait()
@@ -72,7 +71,6 @@ def test_one_interrupt_ends_work_at_once(tmp_path: Path) -> None:
     with subprocess.Popen(
         [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
     ) as process:
-        assert process.stdout is not None
         assert process.stdout.readline() == b"working\n"
         time.sleep(0.5)
         process.send_signal(signal.SIGINT)

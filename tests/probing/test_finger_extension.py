@@ -42,7 +42,6 @@ def test_several_fingers_touch_a_slope_once_each(plate: trimesh.Trimesh) -> None
         np.testing.assert_allclose(every.contacts.normals, [normal] * len(owners), atol=1e-12)
         # The leader's contact is the same and first; the others take longer.
         np.testing.assert_array_equal(every.contacts.points[0], one.contacts.points[0])
-        assert every.contacts.times is not None
         assert np.all(np.diff(every.contacts.times) >= 0.0)
         assert every.duration > one.duration
     assert most >= 3

@@ -15,7 +15,6 @@ SIZE = 0.1
 
 def distances_to_links(hand: Hand, outcome: ProbeOutcome) -> list[float]:
     """Return the distance [m] of each contact from the surface of the link that made it."""
-    assert outcome.hand_pose is not None
     links = hand.forward_kinematics(outcome.hand_pose.X_OH, outcome.hand_pose.joint_positions)
     distances = []
     for point, link in zip(outcome.contacts.points, outcome.contacts.fingers, strict=True):

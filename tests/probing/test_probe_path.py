@@ -35,7 +35,6 @@ def course(request: pytest.FixtureRequest) -> Course:
 
 def test_the_path_goes_from_home_to_the_contact_without_a_jump(course: Course) -> None:
     path = path_out(STATION.arm, course, BEFORE, STEP)
-    assert course.way is not None
     np.testing.assert_array_equal(path.positions[0], course.way.positions[0])
     palm = STATION.palm_poses(path.positions[-1])
     early = BEFORE if course.touched is not None else 0.0
@@ -60,7 +59,6 @@ def test_a_stretched_arm_is_slower(course: Course) -> None:
     arm = replace(STATION.arm, velocity_limits=0.05 * STATION.arm.velocity_limits)
     for path in (path_out, path_back):
         fast, slow = path(STATION.arm, course, BEFORE, STEP), path(arm, course, BEFORE, STEP)
-        assert course.way is not None
         count = len(course.way.times)  # the transit is planned before
         legs = slow.velocities[count:] if path is path_out else slow.velocities[:-count]
         # The fastest moment is between two points of the faster motion.

@@ -135,7 +135,6 @@ def test_a_mesh_that_is_not_star_shaped_has_an_inner_ball_and_filters_poses() ->
     ]
     bent = trimesh.util.concatenate(arms)
     body = convex_body("finger", np.eye(4), bent)
-    assert body is not None
     centers, radii = balls_inside(body)
     assert len(radii) == 1
     assert trimesh.proximity.signed_distance(body.mesh, centers)[0] >= radii[0] - 1e-9

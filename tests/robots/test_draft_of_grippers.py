@@ -325,7 +325,7 @@ def test_a_finger_leads_where_the_others_cannot_all_fold() -> None:
             return {tuple(sorted(pair)) for pair in combinations(links, 2)}
 
     palm = CrowdedPalm()
-    found = find_probe_postures(hand, palm, rng=np.random.default_rng(0))  # type: ignore[arg-type]
+    found = find_probe_postures(hand, palm, rng=np.random.default_rng(0))
     assert len(found) == len(hand.pads)
     for posture in found.values():
         assert not palm.self_collisions(posture.joint_positions)

@@ -75,7 +75,6 @@ def test_a_joint_path_keeps_the_palm_on_a_shake_with_turns(
     direction = np.array([1.0, 0.5, -0.3, 0.4, -0.8, 1.0])
     shake = shake_about(np.zeros(6), direction, 2.0, frequency=4.0, cycles=2)
     palm, made = _path(station, dynamics, shake, 0.5)
-    assert made is not None
     for n in range(0, len(made.positions), 9):
         X_WH, velocity = palm.at(n * STEP)
         np.testing.assert_allclose(station.palm_poses(made.positions[n]), X_WH, atol=1e-5)
@@ -90,8 +89,6 @@ def test_a_stretched_path_is_slower_in_proportion(station: Station, dynamics: Ar
     down = line(np.zeros(6), np.array([0.0, 0.0, -0.1, 0.0, 0.0, 0.0]), 0.5)
     _, fast = _path(station, dynamics, down, 0.5)
     _, slow = _path(station, dynamics, down, 0.5, stretch=2.0)
-    assert fast is not None
-    assert slow is not None
     assert slow.duration == pytest.approx(2.0 * fast.duration)
     slow_use, fast_use = use_of_limits(slow, station.arm), use_of_limits(fast, station.arm)
     assert slow_use[0] == pytest.approx(fast_use[0] / 2.0, rel=0.01)

@@ -38,13 +38,10 @@ def ball_prober(hand: Hand, ball: trimesh.Trimesh) -> DynamicProber:
     return DynamicProber(hand, ball)
 
 
-def probe_bytes(outcomes: list[ProbeOutcome]) -> bytes:
-    arrays = []
-    for outcome in outcomes:
-        contacts = outcome.contacts
-        arrays += [contacts.points, contacts.normals, contacts.forces, contacts.times]
-        arrays.append(outcome.free_points)
-    return b"".join(np.ascontiguousarray(a).tobytes() for a in arrays if a is not None)
+def bytes_of(outcome: ProbeOutcome) -> list[bytes]:
+    made = outcome.contacts
+    arrays = (made.points, made.normals, made.forces, made.times, outcome.free_points)
+    return [array.tobytes() for array in arrays]
 
 
 def test_a_ball_is_touched_on_its_surface_with_a_radial_normal(ball_prober: DynamicProber) -> None:
@@ -206,16 +203,14 @@ def test_free_balls_do_not_cut_the_object(ball_prober: DynamicProber) -> None:
         assert clearance.min() > -0.2e-3  # the facets of the ball are so much within it
 
 
-def test_a_start_inside_the_object_is_blocked(ball_prober: DynamicProber) -> None:
-    outcome = ball_prober.probe(Probe([0.0, 0.0, 0.0], [0.0, 0.0, 1.0], 0.01, 0.01))
-    assert outcome.status == "blocked"
-    assert len(outcome.contacts) == 0
-
-
-def test_a_hand_wholly_inside_the_object_is_blocked(hand: Hand) -> None:
-    prober = DynamicProber(hand, trimesh.creation.box(extents=[0.8, 0.8, 0.8]))
-    outcome = prober.probe(Probe([0.0, 0.0, 0.0], [0.0, 0.0, 1.0], 0.01, 0.01))
-    assert outcome.status == "blocked"
+def test_a_start_partly_or_wholly_inside_the_object_is_blocked(
+    ball_prober: DynamicProber, hand: Hand
+) -> None:
+    around = DynamicProber(hand, trimesh.creation.box(extents=[0.8, 0.8, 0.8]))
+    for prober in (ball_prober, around):
+        outcome = prober.probe(Probe([0.0, 0.0, 0.0], [0.0, 0.0, 1.0], 0.01, 0.01))
+        assert outcome.status == "blocked"
+        assert len(outcome.contacts) == 0
 
 
 def test_skipping_free_flight_changes_nothing(
@@ -226,9 +221,8 @@ def test_skipping_free_flight_changes_nothing(
     ]
     prober = DynamicProber(hand, coarse_ball)
     skipping = [prober.probe(probe) for probe in probes]
-    monkeypatch.setattr(
-        dynamic_prober, "_BEFORE", 1.0
-    )  # longer than the motion: all of it is simulated
+    # Longer than the motion: all of it is simulated.
+    monkeypatch.setattr(dynamic_prober, "_BEFORE", 1.0)
     for probe, expected in zip(probes, skipping, strict=True):
         whole = prober.probe(probe)
         assert whole.duration == expected.duration
@@ -245,24 +239,8 @@ def test_an_outcome_does_not_depend_on_earlier_probes(
     ]
     after = DynamicProber(hand, coarse_ball)
     after.probe(first)
-    repeated, alone = (
-        after.probe(second).contacts,
-        DynamicProber(hand, coarse_ball).probe(second).contacts,
-    )
-    np.testing.assert_array_equal(repeated.points, alone.points)
-    np.testing.assert_array_equal(repeated.normals, alone.normals)
-    np.testing.assert_array_equal(repeated.times, alone.times)
-
-
-def test_two_runs_give_the_same_bytes(hand: Hand, coarse_ball: trimesh.Trimesh) -> None:
-    probes = [
-        Probe(-RADIUS * d, d, 0.03, 0.01) for d in random_directions(4, np.random.default_rng(5))
-    ]
-    runs = []
-    for _ in range(2):
-        prober = DynamicProber(hand, coarse_ball)
-        runs.append(probe_bytes([prober.probe(probe) for probe in probes]))
-    assert runs[0] == runs[1]
+    alone = DynamicProber(hand, coarse_ball).probe(second)
+    assert bytes_of(after.probe(second)) == bytes_of(alone)
 
 
 @pytest.mark.parametrize("finger", ["index", "middle", "ring", "thumb"])

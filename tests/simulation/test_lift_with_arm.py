@@ -12,7 +12,7 @@ from lis_grasp.arms.trajectory import JointTrajectory
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.lifting.arm_use import violations
-from lis_grasp.lifting.outcome import LiftOptions
+from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.setup import ArmLift, LiftSetup, plan_arm_lift
 from lis_grasp.motion import arm_body
 from lis_grasp.robots.arm import Arm
@@ -44,14 +44,15 @@ def planned(station: Station, grasp: Grasp) -> ArmLift:
     return lift
 
 
+def lifted(grasp: Grasp, arm: ArmLift, **conditions: np.ndarray) -> LiftOutcome:
+    hand = arm.station.hand
+    return simulate_lift(LiftSetup(BOX, hand, grasp, HEIGHT, options=QUICK, arm=arm, **conditions))
+
+
 def test_an_arm_lifts_and_holds_within_its_limits(grasp: Grasp, planned: ArmLift) -> None:
-    hand = planned.station.hand
-    outcome = simulate_lift(
-        LiftSetup(BOX, hand, grasp, support_height=HEIGHT, options=QUICK, arm=planned)
-    )
+    outcome = lifted(grasp, planned)
     assert outcome.reason == "held"
     use = outcome.arm
-    assert use is not None
     assert use.steps == round(outcome.duration / QUICK.time_step)
     assert use.effort < 1.0
     assert use.speed < 1.0
@@ -64,7 +65,7 @@ def test_an_arm_lifts_and_holds_within_its_limits(grasp: Grasp, planned: ArmLift
     # The recorded arm is rigid with the hand: the flange carries the base link.
     station = planned.station
     flange = outcome.motion.poses[arm_body(station.arm.flange)]
-    base = outcome.motion.poses[hand.base_link]
+    base = outcome.motion.poses[station.hand.base_link]
     expected = flange @ station.arm.X_LF @ station.mount.X_FB
     np.testing.assert_allclose(base, expected, atol=1e-6)
 
@@ -73,11 +74,8 @@ def test_a_weak_arm_stops_at_its_torque_limit(grasp: Grasp, planned: ArmLift) ->
     arm = planned.station.arm
     weak = replace(planned.station, arm=replace(arm, effort_limits=0.15 * arm.effort_limits))
     lift = replace(planned, station=weak)
-    outcome = simulate_lift(
-        LiftSetup(BOX, weak.hand, grasp, support_height=HEIGHT, options=QUICK, arm=lift)
-    )
+    outcome = lifted(grasp, lift)
     assert outcome.reason == "torque_limit"
-    assert outcome.arm is not None
     assert outcome.arm.effort == pytest.approx(1.0, abs=1e-3)
 
 
@@ -89,14 +87,9 @@ def test_an_arm_that_hits_the_table_stops(grasp: Grasp, planned: ArmLift) -> Non
     rates = np.tile((down - home) / 2.0, (401, 1))
     times, q = QUICK.time_step * np.arange(401), home + parts * (down - home)
     path = JointTrajectory(planned.transit.joint_names, times, q, rates, np.zeros((401, 7)))
-    lift = replace(planned, transit=path)
-    hand = planned.station.hand
     far = np.eye(4)
     far[:3, 3] = 0.0, 0.5, 0.0  # the object is out of the way
-    outcome = simulate_lift(
-        LiftSetup(BOX, hand, grasp, support_height=HEIGHT, options=QUICK, arm=lift, X_WO=far)
-    )
-    assert outcome.arm is not None
+    outcome = lifted(grasp, replace(planned, transit=path), X_WO=far)
     assert outcome.reason in ("arm_collision", "torque_limit")
     assert any("table" in pair for pair in outcome.arm.contacts)
 
@@ -107,10 +100,7 @@ def test_a_hand_that_comes_too_near_is_a_violation(station: Station, grasp: Gras
     deeper = replace(grasp, X_OH=X_OH)
     lift = plan_arm_lift(station, deeper, None, time_step=QUICK.time_step)
     assert isinstance(lift, ArmLift)
-    outcome = simulate_lift(
-        LiftSetup(BOX, station.hand, deeper, support_height=HEIGHT, options=QUICK, arm=lift)
-    )
-    assert outcome.arm is not None
+    outcome = lifted(deeper, lift)
     assert any("object" in pair for pair in outcome.arm.contacts)
     assert any("object" in said for said in violations([asdict(outcome.arm)]))
 
@@ -122,7 +112,6 @@ def test_a_grasp_that_is_given_up_ends_at_home(grasp: Grasp, planned: ArmLift) -
         lambda measured: False,
     )
     assert outcome.reason == "aborted"
-    assert outcome.arm is not None
     assert outcome.arm.contacts == {}
     assert outcome.arm.speed < 1.0
     flange = outcome.motion.poses[arm_body(station.arm.flange)]

@@ -1,6 +1,7 @@
 """Grip force under slip: an object heavier or smoother than assumed."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import scenes
 
 from lis_grasp import Hand, pipeline, shapes
 from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.grasping.hand_capacity import balanced_grip
+from lis_grasp.lifting.finger_control import FingerControl
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.simulation.drake.lift import simulate_lift
@@ -26,18 +29,8 @@ def _grasp() -> Grasp:
 def _lift(*, mass: float, friction: float, careful: bool, assumed: bool = True) -> LiftOutcome:
     """Lift a box that the robot believes to weigh 0.1 kg, with friction 0.8."""
     options = LiftOptions(assumed_friction=0.8, assumed_mass=0.1) if assumed else LiftOptions()
-    return simulate_lift(
-        LiftSetup(
-            BOX.mesh,
-            JAW,
-            _grasp(),
-            support_height=SUPPORT,
-            mass=mass,
-            friction=friction,
-            options=options,
-        ),
-        (lambda contacts: True) if careful else None,
-    )
+    setup = LiftSetup(BOX.mesh, JAW, _grasp(), SUPPORT, mass, friction, options)
+    return simulate_lift(setup, (lambda contacts: True) if careful else None)
 
 
 @pytest.mark.slow
@@ -71,9 +64,22 @@ def test_a_known_load_needs_no_reaction() -> None:
 def test_fingers_carry_the_weight_and_do_not_sag() -> None:
     hand, mass = Hand.load("allegro"), 0.5
     search = pipeline.plan(scenes.scenario(BOX, hand, mass=mass, grasps=3).known, BOX.mesh)
-    outcome = simulate_lift(
-        LiftSetup(BOX.mesh, hand, search.grasps[0], support_height=SUPPORT, mass=mass)
-    )
+    outcome = simulate_lift(LiftSetup(BOX.mesh, hand, search.grasps[0], SUPPORT, mass))
     assert outcome.held
     # The springs of the fingers alone would yield by about 10 mm.
     assert outcome.slip < 0.004
+
+
+def test_fingers_that_can_only_add_to_the_load_still_squeeze():
+    # One finger above an object of 2 kg: each push of it adds to the weight.
+    points, normals = np.array([[0.0, 0.0, 0.05]]), np.array([[0.0, 0.0, 1.0]])
+    weight, center = np.array([0.0, 0.0, -20.0]), np.zeros(3)
+    assert not balanced_grip(points, normals, friction=0.5, total=1.0, load=(weight, center)).any()
+    control = SimpleNamespace(
+        _weight=weight,
+        _scene=SimpleNamespace(X_WO=np.eye(4)),
+        _p_OC=center,
+        _setup=SimpleNamespace(grip_friction=0.5),
+    )
+    forces = FingerControl._balanced_forces(control, points, normals, 1.0)
+    assert forces == pytest.approx(np.array([[0.0, 0.0, -1.0]]), abs=1e-6)

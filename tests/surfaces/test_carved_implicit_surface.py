@@ -62,7 +62,7 @@ class BallWithLobe:
 
 
 def on_ball(directions: FloatArray, **free: npt.ArrayLike) -> Contacts:
-    return Contacts(RADIUS * directions, directions, **free)  # type: ignore[arg-type]
+    return Contacts(RADIUS * directions, directions, **free)
 
 
 def some_directions(count: int, seed: int = 0) -> FloatArray:

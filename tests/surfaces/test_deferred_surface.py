@@ -34,7 +34,7 @@ def test_it_answers_as_the_surface_that_is_made_once() -> None:
 
 def test_nothing_is_made_without_a_use() -> None:
     made: list[int] = []
-    DeferredSurface(lambda: made.append(1) or _ball())  # type: ignore[func-returns-value]
+    DeferredSurface(lambda: made.append(1) or _ball())
     assert not made
 
 

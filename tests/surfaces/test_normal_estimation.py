@@ -94,7 +94,6 @@ def test_the_deviations_cover_the_errors(noise: float) -> None:
             points = points + noise * rng.normal(size=points.shape)
             found = estimate_normals(points, approach=approaches(normals, rng))
             errors = components(angles(found.normals, normals), found.normals, normals)
-            assert found.normal_noise is not None
             scores.append(np.abs(errors) / found.normal_noise[:, None])
     pooled = np.concatenate(scores)
     assert 0.63 < np.mean(pooled < 1.0) < 0.83
@@ -117,7 +116,6 @@ def test_estimation_commutes_with_rigid_motion_and_scale() -> None:
 def test_one_point_needs_a_direction_of_approach() -> None:
     found = estimate_normals([[0.1, 0.0, 0.0]], approach=[[0.0, 0.0, -2.0]])
     assert found.normals == pytest.approx(np.array([[0.0, 0.0, 1.0]]), abs=1e-3)
-    assert found.normal_noise is not None
     # sqrt(1 / concentration), or less, as the process agrees with nothing else
     assert 0.3 < found.normal_noise[0] < 0.7
     with pytest.raises(InvalidContactsError) as error:
@@ -138,7 +136,6 @@ def test_directions_of_known_noise_are_improved_upon(noise: float) -> None:
             found = estimate_normals(points, approach=into, approach_noise=noise)
             errors.append(angles(found.normals, normals))
             alone.append(angles(-into, normals))
-            assert found.normal_noise is not None
             across = np.abs(components(errors[-1], found.normals, normals))
             scores.append(across / found.normal_noise[:, None])
     assert np.mean(np.concatenate(errors)) < 0.9 * np.mean(np.concatenate(alone))
@@ -220,6 +217,5 @@ def test_noise_that_is_given_widens_the_deviations_as_much_as_the_errors(noise: 
         approach = approaches(normals, rng)
         noisy = points + noise * rng.normal(size=points.shape)
         found = estimate_normals(noisy, approach=approach, position_noise=noise)
-        assert found.normal_noise is not None
         scores.append(angles(found.normals, normals) / np.sqrt(2.0) / found.normal_noise)
     assert 0.75 < np.sqrt(np.mean(np.concatenate(scores) ** 2)) < 1.25

@@ -1,9 +1,7 @@
 """The arm on a scene page: in the picture, and rigid with the hand on its way to a touch."""
 
-import json
-import re
-
 import numpy as np
+import scenes
 import trimesh
 from numpy.testing import assert_allclose
 from stations import station_with
@@ -44,9 +42,7 @@ def facts() -> dict:
         station=STATION,
         support_height=0.0,
     )
-    found = re.search(r'id="scene-data">(.*?)</script>', scene.html(), re.DOTALL)
-    assert found is not None
-    return dict(json.loads(found[1]))
+    return scenes.facts_of(scene.html())
 
 
 def pose(numbers: list[float]) -> np.ndarray:

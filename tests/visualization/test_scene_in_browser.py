@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,7 @@ import scenes
 from browser import CHROMIUM, PHONE, Browser
 
 from lis_grasp.exploration.planar_motion import PoseBelief
-from lis_grasp.visualization import Scene, SceneServer
+from lis_grasp.visualization import Scene
 from lis_grasp.visualization._story import Story
 from lis_grasp.visualization.colours import VIRIDIS, srgb
 
@@ -363,14 +362,8 @@ def test_the_server_shows_the_same_as_the_file(browser: Browser, page: str, tmp_
     _write(scenes.scene(), tmp_path)
     fragment = f"panel=0&t={TOUCH.end}"
     file = _look(browser, page, fragment)
-    with SceneServer(tmp_path, port=0) as server:
-        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
-        thread.start()
-        try:
-            served = _look(browser, server.address, fragment)
-        finally:
-            server.shutdown()
-            thread.join()
+    with scenes.served(tmp_path) as server:
+        served = _look(browser, server.address, fragment)
     assert np.abs(served - file).max() < 0.02
 
 
@@ -383,22 +376,16 @@ def test_a_followed_scene_goes_on_where_it_was(browser: Browser, tmp_path: Path)
             assert monotonic() < end, condition
             sleep(0.1)
 
-    with SceneServer(tmp_path, port=0, follow=True) as server:
-        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
-        thread.start()
-        try:
-            browser.send("Page.navigate", url=server.address)
-            wait("document.getElementById('waiting')")
-            _write(replace(scenes.scene(), grasps=(), motion=None), tmp_path)
-            wait(f"{frame}?.chapter === 'touch' && {frame}.turn > 1")
-            first = browser.evaluate("document.querySelector('iframe.shown').src")
-            _write(scenes.scene(), tmp_path)
-            wait(f"document.querySelector('iframe.shown').src !== {first!r} && {frame}")
-            assert browser.evaluate(f"{frame}.chapter !== 'touch' || {frame}.turn > 1")
-            wait(f"{frame}.chapter === 'lift'")
-        finally:
-            server.shutdown()
-            thread.join()
+    with scenes.served(tmp_path, follow=True) as server:
+        browser.send("Page.navigate", url=server.address)
+        wait("document.getElementById('waiting')")
+        _write(replace(scenes.scene(), grasps=(), motion=None), tmp_path)
+        wait(f"{frame}?.chapter === 'touch' && {frame}.turn > 1")
+        first = browser.evaluate("document.querySelector('iframe.shown').src")
+        _write(scenes.scene(), tmp_path)
+        wait(f"document.querySelector('iframe.shown').src !== {first!r} && {frame}")
+        assert browser.evaluate(f"{frame}.chapter !== 'touch' || {frame}.turn > 1")
+        wait(f"{frame}.chapter === 'lift'")
 
 
 def test_pages_of_one_thing_alone_draw_it(browser: Browser, tmp_path: Path) -> None:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import re
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -85,19 +82,14 @@ def test_touches_are_one_per_contact_or_none() -> None:
     with pytest.raises(InvalidOptionError) as error:
         scenes.scene(touches=scenes.touches()[:2])
     assert error.value.value == 2
-    assert page_facts(scenes.scene(touches=(None,) * 6).html())["touches"] == [None] * 6
-
-
-def page_facts(html: str) -> dict[str, Any]:
-    text = re.search(r'id="scene-data">(.*?)</script>', html, re.S)
-    assert text is not None
-    return json.loads(text[1])
+    assert scenes.facts_of(scenes.scene(touches=(None,) * 6).html())["touches"] == [None] * 6
 
 
 def test_the_page_has_the_recorded_hand_and_direction_of_each_touch() -> None:
     hand, touches = scenes.hand(), scenes.touches()
-    for touch, drawn in zip(touches, page_facts(scenes.scene().html())["touches"], strict=True):
-        assert touch.hand_pose is not None
+    for touch, drawn in zip(
+        touches, scenes.facts_of(scenes.scene().html())["touches"], strict=True
+    ):
         assert_allclose(drawn["direction"], touch.probe.direction)
         poses = hand.forward_kinematics(touch.hand_pose.X_OH, touch.hand_pose.joint_positions)
         for link, X_OL in zip(hand.links, drawn["links"], strict=True):
@@ -172,11 +164,8 @@ def test_a_growing_exploration_has_a_scene(folder: Path) -> None:
 
 def test_recorded_hands_touch_the_object_at_their_contacts(explored: Path) -> None:
     scene = scene_of(explored)
-    assert scene.hand is not None
     checker = HandCollisionChecker(scene.hand, shapes.build("box").mesh)
     for touch, point in zip(scene.touches, scene.contacts.points, strict=True):
-        assert touch is not None
-        assert touch.hand_pose is not None
         pose = touch.hand_pose
         checker.place(pose.X_OH, checker.poses_in_hand(pose.joint_positions))
         nearest = checker.nearest(np.zeros(3))
@@ -232,7 +221,7 @@ def test_a_resumed_exploration_keeps_the_same_growth(folder: Path) -> None:
 def test_the_scene_of_a_folder_has_equal_bytes_each_time(folder: Path) -> None:
     first, second = (write_scene_of(folder).read_text(encoding="utf-8") for _ in range(2))
     assert first == second
-    [touch] = page_facts(first)["story"]["chapters"]
+    [touch] = scenes.facts_of(first)["story"]["chapters"]
     assert touch["surfaces"] == [*GROWTH, 6]
 
 

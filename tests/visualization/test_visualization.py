@@ -9,7 +9,6 @@ import json
 import re
 import socket
 import sys
-import threading
 import urllib.error
 import urllib.request
 import zlib
@@ -27,21 +26,17 @@ from numpy.testing import assert_allclose, assert_array_equal
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
+from lis_grasp.exploration import Probe, ProbeOutcome
+from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.visualization import Scene, SceneServer
 from lis_grasp.visualization._drawing import animate, draw_mesh, material, shade
-from lis_grasp.visualization._object_layers import _poses_along, marker_size
+from lis_grasp.visualization._object_layers import _poses_along, marker_size, motion_paths
 from lis_grasp.visualization.camera import choose_azimuth, outermost, surface_points
 from lis_grasp.visualization.colours import ColourScale, linear_rgb, round_up, viridis
 
 
-def _facts(page: str) -> dict[str, Any]:
-    text = re.search(r'<script type="application/json" id="scene-data">(.*?)</script>', page, re.S)
-    assert text is not None
-    return json.loads(text[1])
-
-
 def _commands(page: str) -> list[dict[str, Any]]:
-    facts = _facts(page)
+    facts = scenes.facts_of(page)
     file = io.BytesIO(zlib.decompress(base64.b64decode(facts["commands"])))
     return [umsgpack.unpackb(file.read(length)) for length in facts["lengths"]]
 
@@ -55,7 +50,7 @@ def _without_viewer(page: str) -> str:
 
 def test_page_draws_every_layer_it_offers() -> None:
     page = scenes.scene().html()
-    offered = [layer["id"] for layer in _facts(page)["layers"]]
+    offered = [layer["id"] for layer in scenes.facts_of(page)["layers"]]
     objects = ["estimate", "truth", "contacts", "normals", "free", "hand"]
     grasps = ["grasp-1", "grasp-2", "together"]
     assert offered == [*objects, *grasps, "lift"]
@@ -69,19 +64,19 @@ def test_page_draws_every_layer_it_offers() -> None:
 
 def test_obstacles_are_a_layer_that_is_drawn() -> None:
     page = replace(scenes.scene(), obstacles=trimesh.creation.box()).html()
-    assert "obstacles" in [layer["id"] for layer in _facts(page)["layers"]]
+    assert "obstacles" in [layer["id"] for layer in scenes.facts_of(page)["layers"]]
     assert any(command["path"].endswith("/obstacles") for command in _commands(page))
 
 
 def test_the_page_has_the_five_best_grasps() -> None:
     page = scenes.scene(grasps=(scenes.grasp(),) * 7).html()
-    assert len(_facts(page)["grasps"]) == 5
+    assert len(scenes.facts_of(page)["grasps"]) == 5
 
 
 def test_the_page_counts_the_grasps_that_were_planned() -> None:
     for planned, listed in ((7, True), (5, False)):
         page = scenes.scene(grasps=(scenes.grasp(),) * planned).html()
-        (grasps,) = (c for c in _facts(page)["story"]["chapters"] if c["name"] == "grasp")
+        (grasps,) = (c for c in scenes.facts_of(page)["story"]["chapters"] if c["name"] == "grasp")
         assert (grasps["grasps"], grasps["planned"]) == (5, planned)
         assert (f"best 5 of {planned}" in page) == listed
 
@@ -89,7 +84,7 @@ def test_the_page_counts_the_grasps_that_were_planned() -> None:
 def test_links_are_drawn_at_their_forward_kinematics() -> None:
     grasp = scenes.grasp()
     hand = scenes.hand()
-    posture = _facts(scenes.scene().html())["grasps"][0]
+    posture = scenes.facts_of(scenes.scene().html())["grasps"][0]
     expected = hand.forward_kinematics(grasp.X_OH, grasp.joint_positions)
     for matrix, link in zip(posture, hand.links, strict=True):
         # The page keeps seven decimals.
@@ -101,12 +96,10 @@ def test_joints_are_matched_by_name() -> None:
     swapped = replace(
         grasp, joint_names=("right_joint", "left_joint"), joint_positions=np.array([0.02, 0.01])
     )
-    first, second = (_facts(scenes.scene(grasps=(g,)).html())["grasps"] for g in (grasp, swapped))
+    first, second = (
+        scenes.facts_of(scenes.scene(grasps=(g,)).html())["grasps"] for g in (grasp, swapped)
+    )
     assert first == second
-
-
-def test_equal_scenes_are_equal_bytes() -> None:
-    assert scenes.scene().html() == scenes.scene().html()
 
 
 def test_page_refers_to_nothing_outside_itself() -> None:
@@ -124,7 +117,6 @@ def test_page_refers_to_nothing_outside_itself() -> None:
 def test_page_forbids_itself_connections_and_foreign_scripts() -> None:
     page = scenes.scene().html()
     policy = re.search(r'Content-Security-Policy" content="([^"]+)"', page)
-    assert policy is not None
     rules = dict(rule.strip().split(" ", 1) for rule in policy[1].split(";"))
     assert rules["default-src"] == "'none'"
     assert "connect-src" not in rules
@@ -144,7 +136,6 @@ def test_text_is_escaped() -> None:
 def test_notebook_frame_holds_the_page() -> None:
     scene = Scene(contacts=scenes.contacts(), title='A "box"')
     frame = re.search(r'<iframe srcdoc="([^"]*)" title="A &quot;box&quot;"', scene._repr_html_())
-    assert frame is not None
     text = frame[1]
     for entity, character in (("&lt;", "<"), ("&gt;", ">"), ("&quot;", '"'), ("&#x27;", "'")):
         text = text.replace(entity, character)
@@ -161,14 +152,14 @@ def test_a_saved_scene_is_its_page(tmp_path: Path) -> None:
 def test_one_layer_alone_is_a_scene(only: str) -> None:
     content = {"truth": scenes.box(), "estimate": scenes.estimate(), "contacts": scenes.contacts()}
     page = Scene(**{only: content[only]}).html()
-    assert _facts(page)["layers"][0]["id"] == only
+    assert scenes.facts_of(page)["layers"][0]["id"] == only
     assert ('id="player"' in page) == (only == "contacts")  # which come one after the other
 
 
 def test_a_single_contact_is_a_scene() -> None:
     page = Scene(contacts=scenes.contacts().subset([0])).html()
     assert "<span>1 contact<" in page
-    assert not re.search(r"NaN|Infinity", json.dumps(_facts(page)["camera"]))
+    assert not re.search(r"NaN|Infinity", json.dumps(scenes.facts_of(page)["camera"]))
 
 
 def test_nothing_to_show_is_refused() -> None:
@@ -364,83 +355,59 @@ def test_server_shows_the_scene_as_it_is_now_and_nothing_else(tmp_path: Path) ->
     scene = tmp_path / "scene.html"
     scene.write_text("first")
     (tmp_path / "secret.txt").write_text("secret")
-    with SceneServer(tmp_path, port=0) as server:
-        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
-        thread.start()
-        try:
-            assert server.server_address[0] == "127.0.0.1"
-            assert _get(server.address) == (200, b"first")
-            scene.write_text("second")
-            assert _get(server.address + "scene.html?reload") == (200, b"second")
-            for other in ("secret.txt", "../secret.txt", "..%2fscene.html", "x"):
-                assert _get(server.address + other)[0] == 404
-            scene.unlink()
-            assert _get(server.address)[0] == 404
-        finally:
-            server.shutdown()
-            thread.join()
+    with scenes.served(tmp_path) as server:
+        assert server.server_address[0] == "127.0.0.1"
+        assert _get(server.address) == (200, b"first")
+        scene.write_text("second")
+        assert _get(server.address + "scene.html?reload") == (200, b"second")
+        for other in ("secret.txt", "../secret.txt", "..%2fscene.html", "x"):
+            assert _get(server.address + other)[0] == 404
+        scene.unlink()
+        assert _get(server.address)[0] == 404
 
 
 def test_server_that_follows_says_when_the_scene_changes(tmp_path: Path) -> None:
     scene = tmp_path / "scene.html"
-    with SceneServer(tmp_path, port=0, follow=True) as server:
-        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
-        thread.start()
-        try:
-            assert b"fetch(" in _get(server.address)[1]  # the page that asks again and again
-            assert _get(server.address + "state") == (200, b"")
-            assert _get(server.address + "scene.html")[0] == 404
-            states = set()
-            for text in (b"first", b"second"):
-                scene.write_bytes(text)
-                states.add(_get(server.address + "state"))
-                assert _get(server.address + "scene.html") == (200, text)
-            assert len(states) == 2
-        finally:
-            server.shutdown()
-            thread.join()
+    with scenes.served(tmp_path, follow=True) as server:
+        assert b"fetch(" in _get(server.address)[1]  # the page that asks again and again
+        assert _get(server.address + "state") == (200, b"")
+        assert _get(server.address + "scene.html")[0] == 404
+        states = set()
+        for text in (b"first", b"second"):
+            scene.write_bytes(text)
+            states.add(_get(server.address + "state"))
+            assert _get(server.address + "scene.html") == (200, text)
+        assert len(states) == 2
 
 
 def test_server_answers_to_names_of_this_machine_only(tmp_path: Path) -> None:
     (tmp_path / "scene.html").write_text("mine")
     renewed = []
-    with SceneServer(tmp_path, port=0, renew=lambda: renewed.append(1)) as server:
-        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
-        thread.start()
-        try:
-            for host, code in (
-                ("localhost:8000", 200),  # forwarded by ssh
-                ("127.0.0.1", 200),
-                ("LOCALHOST", 200),
-                ("evil.example", 403),
-                ("localhost.evil.example:7000", 403),
-                ("127.0.0.1.nip.example", 403),
-                ("", 403),
-                ("[::1", 403),
-            ):
-                connection = http.client.HTTPConnection(*server.server_address[:2], timeout=10)
-                connection.request("GET", "/", headers={"Host": host})
-                answer = connection.getresponse()
-                assert (answer.status, b"mine" in answer.read()) == (code, code == 200)
-                connection.close()
-        finally:
-            server.shutdown()
-            thread.join()
+    with scenes.served(tmp_path, renew=lambda: renewed.append(1)) as server:
+        for host, code in (
+            ("localhost:8000", 200),  # forwarded by ssh
+            ("127.0.0.1", 200),
+            ("LOCALHOST", 200),
+            ("evil.example", 403),
+            ("localhost.evil.example:7000", 403),
+            ("127.0.0.1.nip.example", 403),
+            ("", 403),
+            ("[::1", 403),
+        ):
+            connection = http.client.HTTPConnection(*server.server_address[:2], timeout=10)
+            connection.request("GET", "/", headers={"Host": host})
+            answer = connection.getresponse()
+            assert (answer.status, b"mine" in answer.read()) == (code, code == 200)
+            connection.close()
     assert len(renewed) == 3
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs 127.0.0.2, which Linux has by itself")
 def test_a_server_of_another_address_answers_to_its_name(tmp_path: Path) -> None:
     (tmp_path / "scene.html").write_text("mine")
-    with SceneServer(tmp_path, port=0, host="127.0.0.2") as server:
-        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
-        thread.start()
-        try:
-            assert server.address == f"http://127.0.0.2:{server.server_address[1]}/"
-            assert _get(server.address) == (200, b"mine")
-        finally:
-            server.shutdown()
-            thread.join()
+    with scenes.served(tmp_path, host="127.0.0.2") as server:
+        assert server.address == f"http://127.0.0.2:{server.server_address[1]}/"
+        assert _get(server.address) == (200, b"mine")
     with SceneServer(tmp_path, port=0, host="0.0.0.0") as server:
         assert server.address.startswith("http://127.0.0.1:")
 
@@ -495,3 +462,45 @@ def test_a_host_that_is_no_address_of_this_machine_is_refused(tmp_path: Path) ->
     with pytest.raises(InvalidOptionError, match="address of this machine") as error:
         SceneServer(tmp_path, port=0, host="192.0.2.1")  # of the block for examples (RFC 5737)
     assert (error.value.option, error.value.value) == ("host", "192.0.2.1")
+
+
+CENTER = np.array([0.1, 0.05, 0.02])
+
+
+def _outcomes(tracked: list[np.ndarray], true: list[np.ndarray]) -> list[ProbeOutcome]:
+    """Return outcomes of an object at poses in W, tracked and true."""
+    probe = Probe(np.zeros(3), np.array([0.0, 0.0, -1.0]), standoff=0.05, overshoot=0.01)
+    return [
+        ProbeOutcome(
+            probe,
+            "missed",
+            simulated_pose=np.linalg.inv(X_WE) @ X_WO,
+            tracked=replace(PoseBelief.start(), X_WE=X_WE),
+        )
+        for X_WE, X_WO in zip(tracked, true, strict=True)
+    ]
+
+
+def test_a_perfect_tracker_draws_the_true_path() -> None:
+    poses = [planar_pose(np.array([0.01 * k, 0.0, 0.1 * k])) for k in range(4)]
+    tracked, true = motion_paths(_outcomes(poses, poses), CENTER)
+    np.testing.assert_allclose(tracked, true, atol=1e-12)
+    np.testing.assert_allclose(true[-1], CENTER, atol=1e-12)
+    # Distances are those between the true places of the point.
+    places = np.array([(pose @ np.append(CENTER, 1.0))[:3] for pose in poses])
+    np.testing.assert_allclose(
+        np.linalg.norm(np.diff(true, axis=0), axis=1),
+        np.linalg.norm(np.diff(places, axis=0), axis=1),
+    )
+
+
+def test_a_tracker_that_notices_nothing_stays_while_the_object_moves() -> None:
+    poses = [planar_pose(np.array([0.002 * k, 0.0, 0.0])) for k in range(4)]
+    tracked, true = motion_paths(_outcomes([np.eye(4)] * 4, poses), CENTER)
+    np.testing.assert_allclose(tracked, np.tile(CENTER, (4, 1)), atol=1e-12)
+    np.testing.assert_allclose(true[:, 0] - true[0, 0], [0.0, 0.002, 0.004, 0.006], atol=1e-12)
+
+
+def test_a_fixed_object_has_no_path() -> None:
+    tracked, true = motion_paths((), CENTER)
+    assert tracked.shape == true.shape == (0, 3)
