@@ -49,6 +49,29 @@ class Analytic:
         return self.doubt(np.asarray(points, dtype=np.float64))
 
 
+@dataclass(frozen=True)
+class Ball:
+    """An exact ball."""
+
+    radius: float
+    center: npt.ArrayLike = (0.0, 0.0, 0.0)
+    doubt: Function = _nowhere
+
+    @property
+    def bounds(self) -> FloatArray:
+        return self.center + cube_bounds(self.radius)
+
+    def evaluate(self, points: npt.ArrayLike) -> FloatArray:
+        return sphere(self.radius, self.center)(np.asarray(points))
+
+    def gradient(self, points: npt.ArrayLike) -> FloatArray:
+        away = np.asarray(points) - self.center
+        return away / np.linalg.norm(away, axis=-1, keepdims=True)
+
+    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
+        return self.doubt(np.asarray(points))
+
+
 def differences(surface: ImplicitSurface, points: FloatArray, step: float) -> FloatArray:
     """Return central differences of a surface's function at points (N, 3), shape (N, 3)."""
     moves = step * np.eye(3)

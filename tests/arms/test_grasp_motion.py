@@ -26,8 +26,7 @@ def station() -> Station:
 
 
 def test_a_motion_leads_from_home_to_the_grasp_and_up(station: Station) -> None:
-    box = trimesh.creation.box([0.05, 0.05, 0.1])
-    box.apply_translation([0.0, 0.0, 0.05])
+    box = trimesh.creation.box([0.05, 0.05, 0.1]).apply_translation([0.0, 0.0, 0.05])
     X_WH = np.eye(4)
     X_WH[:3, :3] = np.diag([1.0, -1.0, -1.0])  # the jaw points down
     X_WH[:3, 3] = 0.0, 0.0, 0.13
@@ -79,8 +78,7 @@ def test_files_keep_a_trajectory(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_command_writes_motions_of_a_grasp(tmp_path: Path) -> None:
-    mesh = trimesh.creation.box([0.06, 0.08, 0.12])
-    mesh.apply_translation([0.0, 0.0, 0.06])
+    mesh = trimesh.creation.box([0.06, 0.08, 0.12]).apply_translation([0.0, 0.0, 0.06])
     mesh.export(tmp_path / "box.stl")
     assert main(["grasp", str(tmp_path / "box.stl"), "--hand", "wsg50", "--grasps", "10"]) == 0
     grasps = str(tmp_path / "grasps.json")

@@ -21,9 +21,7 @@ def station() -> Station:
 
 @pytest.fixture(scope="module")
 def wall() -> trimesh.Trimesh:
-    mesh = trimesh.creation.box([0.3, 0.04, 0.4])
-    mesh.apply_translation([0.05, 0.0, 0.2])
-    return mesh
+    return trimesh.creation.box([0.3, 0.04, 0.4]).apply_translation([0.05, 0.0, 0.2])
 
 
 def _beside(station: Station, y: float) -> np.ndarray:

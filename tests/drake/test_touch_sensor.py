@@ -206,10 +206,3 @@ def test_a_wrong_plant_or_nothing_to_feel_is_refused_in_one_sentence() -> None:
             TouchSensor(scene.plant, scene.hand, **wrong)
     with pytest.raises(InvalidOptionError, match="which add_hand returns; it has a str"):
         TouchSensor(scene.plant, "wsg50")
-
-
-def test_a_missing_input_is_named_by_drake() -> None:
-    scene = RailedHand("wsg50", BOX)
-    sensor = TouchSensor(scene.plant, scene.hand)
-    with pytest.raises(RuntimeError, match="contact_results"):
-        sensor.touch.Eval(sensor.CreateDefaultContext())

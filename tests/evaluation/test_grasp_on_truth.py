@@ -36,6 +36,5 @@ def test_fingers_close_until_they_meet_a_smaller_object(grasp: Grasp) -> None:
 
 
 def test_epsilon_is_zero_where_fingers_miss_the_object(grasp: Grasp) -> None:
-    away = BOX.copy()
-    away.apply_translation([0.0, 0.0, 1.0])
+    away = BOX.copy().apply_translation([0.0, 0.0, 1.0])
     assert epsilon_on_truth(grasp, away, JAW, friction=0.8) == 0.0

@@ -6,9 +6,9 @@ from functools import cache
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 import trimesh
+from analytic_surfaces import Analytic, Ball, cube_bounds
 
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
@@ -32,9 +32,9 @@ from lis_grasp.exploration import (
 )
 from lis_grasp.exploration.targets import Targets, _tried
 from lis_grasp.exploration.workspace import sample_zero_level_set
+from lis_grasp.robots.link_bodies import fibonacci_directions
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
-from lis_grasp.typing import FloatArray
 
 
 @dataclass
@@ -105,39 +105,6 @@ def coverage(shape: Shape, contacts: Contacts) -> float:
     return float(np.mean(apart.min(axis=1) < STEP_FRACTION * shape.size))
 
 
-@dataclass
-class Ball:
-    """An exact sphere as an estimate."""
-
-    radius: float
-    center: FloatArray = field(default_factory=lambda: np.zeros(3))
-
-    @property
-    def bounds(self) -> FloatArray:
-        return self.center + self.radius * np.array([[-1.0] * 3, [1.0] * 3])
-
-    def evaluate(self, points: npt.ArrayLike) -> FloatArray:
-        return np.linalg.norm(np.asarray(points) - self.center, axis=-1) - self.radius
-
-    def gradient(self, points: npt.ArrayLike) -> FloatArray:
-        away = np.asarray(points) - self.center
-        return away / np.linalg.norm(away, axis=-1, keepdims=True)
-
-    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
-        return np.zeros(np.asarray(points).shape[:-1])
-
-
-class Shelf(Ball):
-    """A surface that jumps from inside to outside at x = 0, without a zero in between."""
-
-    def evaluate(self, points: npt.ArrayLike) -> FloatArray:
-        p = np.asarray(points)
-        return np.where(p[..., 0] < 0.0, p[..., 2] - 1.0, p[..., 2] + 1.0)
-
-    def gradient(self, points: npt.ArrayLike) -> FloatArray:
-        return np.broadcast_to([0.0, 0.0, 1.0], np.shape(points))
-
-
 # ---------------------------------------------------------------- probes
 
 
@@ -148,43 +115,50 @@ def test_a_probe_runs_from_its_start_to_its_end_through_its_target() -> None:
     np.testing.assert_allclose(probe.end, [1, 0, -0.1])
 
 
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [
-        ("target", [0, 0]),
-        ("target", [0, 0, np.nan]),
-        ("direction", [0, 0, 0]),
-        ("standoff", -0.1),
-        ("overshoot", np.inf),
-    ],
-)
-def test_an_invalid_probe_is_refused(option: str, value: object) -> None:
-    valid = {"target": [0, 0, 0], "direction": [0, 0, 1], "standoff": 0.1, "overshoot": 0.0}
-    Probe(**valid)
-    with pytest.raises(InvalidOptionError) as error:
-        Probe(**(valid | {option: value}))
-    assert error.value.option == option
+VALID = {
+    Probe: {"target": [0, 0, 0], "direction": [0, 0, 1], "standoff": 0.1, "overshoot": 0.0},
+    ProbeOutcome: {
+        "probe": Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1),
+        "status": "touched",
+        "contacts": Contacts([[0, 0, 0]], [[0, 0, -1]]),
+    },
+    HandPose: {"X_OH": np.eye(4), "joint_positions": [0.1]},
+    Workspace: {"step": 0.03, "center": [0, 0, 0], "size": 0.12},
+}
 
 
 @pytest.mark.parametrize(
-    ("change", "option"),
+    ("kind", "option", "value", "named"),
     [
-        ({"status": "lost"}, "status"),
-        ({"contacts": Contacts.empty()}, "contacts"),
-        ({"status": "missed"}, "contacts"),
-        ({"duration": -1.0}, "duration"),
-        ({"moved": np.nan}, "moved"),
-        ({"reason": 1}, "reason"),
-        ({"free_points": [[0, 0, np.inf]]}, "free_points"),
+        (Probe, "target", [0, 0], "target"),
+        (Probe, "target", [0, 0, np.nan], "target"),
+        (Probe, "direction", [0, 0, 0], "direction"),
+        (Probe, "standoff", -0.1, "standoff"),
+        (Probe, "overshoot", np.inf, "overshoot"),
+        (ProbeOutcome, "status", "lost", "status"),
+        (ProbeOutcome, "status", "missed", "contacts"),
+        (ProbeOutcome, "contacts", Contacts.empty(), "contacts"),
+        (ProbeOutcome, "duration", -1.0, "duration"),
+        (ProbeOutcome, "moved", np.nan, "moved"),
+        (ProbeOutcome, "reason", 1, "reason"),
+        (ProbeOutcome, "free_points", [[0, 0, np.inf]], "free_points"),
+        (HandPose, "X_OH", np.eye(3), "X_OH"),
+        (HandPose, "X_OH", np.full((4, 4), np.nan), "X_OH"),
+        (HandPose, "joint_positions", [[0.0]], "joint_positions"),
+        (Workspace, "step", 0.0, "step"),
+        (Workspace, "size", -1.0, "size"),
+        (Workspace, "size", np.nan, "size"),
+        (Workspace, "center", [0, 0], "center"),
+        (Workspace, "center", [0, 0, np.inf], "center"),
     ],
 )
-def test_an_invalid_outcome_is_refused(change: dict, option: str) -> None:
-    probe = Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1)
-    valid = {"probe": probe, "status": "touched", "contacts": Contacts([[0, 0, 0]], [[0, 0, -1]])}
-    ProbeOutcome(**valid)
+def test_an_invalid_value_of_a_record_is_refused(
+    kind: type, option: str, value: object, named: str
+) -> None:
+    kind(**VALID[kind])
     with pytest.raises(InvalidOptionError) as error:
-        ProbeOutcome(**(valid | change))
-    assert error.value.option == option
+        kind(**{**VALID[kind], option: value})
+    assert error.value.option == named
 
 
 # ---------------------------------------------------------------- samples of the zero level set
@@ -205,7 +179,9 @@ def test_level_set_samples_are_on_the_surface_with_outward_normals() -> None:
 
 
 def test_a_jump_over_zero_is_no_surface() -> None:
-    points, _ = sample_zero_level_set(Shelf(1.0), np.array([[-0.5] * 3, [0.5] * 3]), 0.09)
+    # It jumps from inside to outside at x = 0, without a zero in between.
+    shelf = Analytic(lambda p: p[..., 2] + np.where(p[..., 0] < 0.0, -1.0, 1.0), cube_bounds(1.0))
+    points, _ = sample_zero_level_set(shelf, cube_bounds(0.5), 0.09)
     assert len(points) == 0
 
 
@@ -304,24 +280,6 @@ def test_an_exploration_without_touches_is_refused() -> None:
 # ---------------------------------------------------------------- the frontier
 
 
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [
-        ("step", 0.0),
-        ("size", -1.0),
-        ("size", np.nan),
-        ("center", [0, 0]),
-        ("center", [0, 0, np.inf]),
-    ],
-)
-def test_an_invalid_workspace_is_refused(option: str, value: object) -> None:
-    valid = {"step": 0.03, "center": [0, 0, 0], "size": 0.12}
-    Workspace(**valid)
-    with pytest.raises(InvalidOptionError) as error:
-        Workspace(**(valid | {option: value}))
-    assert error.value.option == option
-
-
 def test_the_first_six_probes_come_from_all_sides_to_the_centre() -> None:
     shape, exploration = explored("box", estimator="gpis", touches=6)
     directions = np.array([outcome.probe.direction for outcome in exploration.outcomes])
@@ -356,10 +314,7 @@ def test_later_targets_are_on_the_estimate_a_step_from_the_nearest_contact() -> 
 def test_without_a_frontier_the_largest_gap_is_the_target() -> None:
     # A ball is touched everywhere except around one point.
     radius = 0.06
-    turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(200)
-    height = 1.0 - (np.arange(200) + 0.5) / 100.0
-    ring = np.sqrt(1.0 - height**2)
-    normals = np.column_stack([ring * np.cos(turn), ring * np.sin(turn), height])
+    normals = fibonacci_directions(200)
     gap = np.array([0.6, 0.0, 0.8])
     normals = normals[np.linalg.norm(radius * (normals - gap), axis=1) > 0.02]
     outcomes = [
@@ -474,11 +429,6 @@ def test_a_target_is_not_tried_twice_from_the_same_side() -> None:
     assert not same.any()
 
 
-def test_an_exploration_without_touches_is_a_result() -> None:
-    exploration = Exploration(Contacts.empty(), ())
-    assert exploration.summary() == "0 contacts from 0 probes (0 touched, 0 missed, 0 blocked)"
-
-
 def test_a_target_is_given_up_after_three_failed_probes_from_other_sides() -> None:
     place, up = np.array([[0.1, 0.0, 0.0]]), np.array([[0.0, 0.0, 1.0]])
     sides = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]
@@ -570,14 +520,3 @@ def test_touches_are_one_per_kept_contact_in_order() -> None:
     np.testing.assert_array_equal(exploration.contacts.points[:, 2], [0.0, 0.1, 0.2])
     poses = [outcome.hand_pose for outcome in exploration.touches]
     assert [pose.joint_positions[0] for pose in poses if pose] == [3, 1, 0]
-
-
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [("X_OH", np.eye(3)), ("X_OH", np.full((4, 4), np.nan)), ("joint_positions", [[0.0]])],
-)
-def test_an_invalid_hand_pose_is_refused(option: str, value: object) -> None:
-    valid = {"X_OH": np.eye(4), "joint_positions": [0.1]}
-    with pytest.raises(InvalidOptionError) as error:
-        HandPose(**(valid | {option: value}))
-    assert error.value.option == option

@@ -47,8 +47,7 @@ def explored(mesh: trimesh.Trimesh, seed: int, touches: int = 8) -> Exploration:
 
 @pytest.mark.parametrize("yaw", [0.0, 0.6, 2.1])
 def test_both_ends_of_a_bar_are_touched_first(yaw: float) -> None:
-    bar = trimesh.creation.box((0.24, 0.03, 0.03))
-    bar.apply_translation([0.0, 0.0, 0.015])
+    bar = trimesh.creation.box((0.24, 0.03, 0.03)).apply_translation([0.0, 0.0, 0.015])
     turn = trimesh.transformations.rotation_matrix(yaw, UP)
     bar.apply_transform(turn)
     exploration = explored(bar, 1)
@@ -107,8 +106,7 @@ def test_a_sweep_beyond_the_end_of_a_long_object_opens_it_again_where_it_touches
 
 
 def test_a_stop_rule_waits_for_the_ends_and_the_reason_names_them() -> None:
-    bar = trimesh.creation.box((0.24, 0.03, 0.03))
-    bar.apply_translation([0.0, 0.0, 0.015])
+    bar = trimesh.creation.box((0.24, 0.03, 0.03)).apply_translation([0.0, 0.0, 0.015])
     setup = ExplorationSetup(
         make_policy("cover", Region(), TactileSensor()),
         ESTIMATORS["gpis"],

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from analytic_surfaces import Analytic, Ball, cube_bounds
 from random_directions import random_directions
 
 from lis_grasp import shapes
@@ -27,8 +28,14 @@ from lis_grasp.exploration.policy import (
     uniform,
     widest,
 )
-from lis_grasp.exploration.probe_motions import ContactHull, surface_probe
-from lis_grasp.exploration.targets import Targets
+from lis_grasp.exploration.probe_motions import (
+    PROBE_SPEED,
+    TRANSIT_SPEED,
+    ContactHull,
+    surface_probe,
+)
+from lis_grasp.exploration.targets import Targets, seconds_to_touch
+from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.pipeline.scenario import workspace
 from lis_grasp.pipeline.stages import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
@@ -40,21 +47,9 @@ NEAREST = np.array([0.01, 0.03, 0.05, 0.02, 0.04])
 SECONDS = np.array([1.0, 1.0, 3.0, 1.0, 1.5])
 
 
-class Ball:
+def ball(radius: float = RADIUS) -> Ball:
     """A ball round the origin, the less known the higher."""
-
-    def __init__(self, radius: float = RADIUS) -> None:
-        self.radius = radius
-        self.bounds = np.array([[-0.06] * 3, [0.06] * 3])
-
-    def evaluate(self, points: np.ndarray) -> np.ndarray:
-        return np.linalg.norm(points, axis=-1) - self.radius
-
-    def gradient(self, points: np.ndarray) -> np.ndarray:
-        return points / np.linalg.norm(points, axis=-1, keepdims=True)
-
-    def uncertainty(self, points: np.ndarray) -> np.ndarray:
-        return 0.1 + points[..., 2]
+    return Ball(radius, doubt=lambda p: 0.1 + p[..., 2])
 
 
 def targets(eligible: list[bool]) -> Targets:
@@ -65,7 +60,7 @@ def targets(eligible: list[bool]) -> Targets:
 
 
 def selected(select: TargetSelector, eligible: list[bool], seed: int = 0) -> int | None:
-    return select(targets(eligible), Ball(), rng=np.random.default_rng(seed))
+    return select(targets(eligible), ball(), rng=np.random.default_rng(seed))
 
 
 def test_farthest_selects_the_eligible_target_with_the_largest_gap() -> None:
@@ -95,7 +90,7 @@ def test_widest_selects_the_target_that_covers_the_most_new_surface() -> None:
         ]
     )
     scores = areas / areas.max() + nearest / 0.02  # all gaps are below three steps
-    i = widest(found, Ball(), rng=rng)
+    i = widest(found, ball(), rng=rng)
     assert touchable[i]
     assert scores[i] == pytest.approx(scores[touchable].max())
 
@@ -140,17 +135,15 @@ def test_the_guess_is_searched_before_the_estimate(step: float, radius: float) -
     contacts, outcomes = six_touches()
     # Known to be 0.2 m large, so that six contacts do not show a smaller object.
     space = Workspace(step, np.zeros(3), 0.2)
-    policy = TargetPolicy(space, farthest, guess=lambda _: Ball(RADIUS))
+    policy = TargetPolicy(space, farthest, guess=lambda _: ball(RADIUS))
     rng = np.random.default_rng(0)
-    probe = policy.next_probe(contacts, Ball(0.055), outcomes=outcomes, rng=rng)
+    probe = policy.next_probe(contacts, ball(0.055), outcomes=outcomes, rng=rng)
     # Samples are on the surface within a percent of a cell of 5 mm and more.
     assert np.linalg.norm(probe.target) == pytest.approx(radius, abs=2e-4)
 
 
 def bar(size: tuple[float, float, float], turn: tuple[float, float, float]) -> trimesh.Trimesh:
-    mesh = trimesh.creation.box(size)
-    mesh.apply_transform(trimesh.transformations.euler_matrix(*turn))
-    return mesh
+    return trimesh.creation.box(size).apply_transform(trimesh.transformations.euler_matrix(*turn))
 
 
 def corners_and_middles(mesh: trimesh.Trimesh) -> Contacts:
@@ -262,14 +255,8 @@ def test_spread_covers_more_than_random_with_as_many_touches() -> None:
     assert covered["spread"] > covered["random"] + 0.05
 
 
-class Column(Ball):
-    """An upright cylinder without ends."""
-
-    def evaluate(self, points: np.ndarray) -> np.ndarray:
-        return super().evaluate(points * [1.0, 1.0, 0.0])
-
-    def gradient(self, points: np.ndarray) -> np.ndarray:
-        return super().gradient(points * [1.0, 1.0, 0.0])
+# An upright cylinder without ends.
+COLUMN = Analytic(lambda p: np.hypot(p[..., 0], p[..., 1]) - 0.03, cube_bounds(0.06))
 
 
 def test_a_place_above_a_table_that_was_blocked_is_left_alone() -> None:
@@ -278,12 +265,12 @@ def test_a_place_above_a_table_that_was_blocked_is_left_alone() -> None:
     normals = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=-1).reshape(-1, 3)
     contacts = Contacts(0.03 * normals + heights.reshape(-1, 1) * [0.0, 0.0, 1.0], normals)
     space = Workspace(0.02, np.array([0.0, 0.0, 0.05]), 0.1, support_height=0.0)
-    column, target, out = Column(0.03), np.array([0.03, 0.0, 0.005]), np.eye(3)[0]
+    target, out = np.array([0.03, 0.0, 0.005]), np.eye(3)[0]
     blocked = ProbeOutcome(
-        surface_probe(target, out, space, contacts, column, []), "blocked", reason="the table"
+        surface_probe(target, out, space, contacts, COLUMN, []), "blocked", reason="the table"
     )
     for outcomes, left in (([], True), ([blocked], False)):
-        targets = Targets.find(space, contacts, column, outcomes)
+        targets = Targets.find(space, contacts, COLUMN, outcomes)
         near = np.linalg.norm(targets.points - target, axis=1) < 0.3 * space.step
         assert near.sum() > 3
         assert targets.eligible[near].any() == left
@@ -293,11 +280,10 @@ def test_a_low_wall_is_touched_by_a_level_motion_and_a_high_one_from_its_normal(
     space = Workspace(0.02, np.array([0.0, 0.0, 0.05]), 0.1, support_height=0.0, tip_radius=0.006)
     out = np.array([1.0, 0.0, 0.2]) / np.hypot(1.0, 0.2)
     contacts = Contacts(np.array([[0.03, 0.01, 0.005]]), out[None])
-    column = Column(0.03)
-    low = surface_probe(np.array([0.03, 0.0, 0.003]), out, space, contacts, column, [])
+    low = surface_probe(np.array([0.03, 0.0, 0.003]), out, space, contacts, COLUMN, [])
     np.testing.assert_allclose(low.direction, [-1.0, 0.0, 0.0], atol=1e-12)
     assert low.target[2] == pytest.approx(0.0075)  # the tip's radius and 1.5 mm
-    high = surface_probe(np.array([0.03, 0.0, 0.06]), out, space, contacts, column, [])
+    high = surface_probe(np.array([0.03, 0.0, 0.06]), out, space, contacts, COLUMN, [])
     np.testing.assert_allclose(high.direction, -out, atol=1e-12)
 
 
@@ -306,23 +292,61 @@ def test_after_a_miss_a_flat_object_is_touched_level_from_beyond_its_edge() -> N
     up = np.array([0.0, 0.0, 1.0])
     contacts = Contacts(np.array([[0.03, 0.0, 0.008]]), up[None])
     target = np.array([0.06, 0.0, 0.008])  # the estimate's top extends too far
-    missed = ProbeOutcome(surface_probe(target, up, space, contacts, Ball(0.03), []), "missed")
-    again = surface_probe(target, up, space, contacts, Ball(0.03), [missed])
+    missed = ProbeOutcome(surface_probe(target, up, space, contacts, ball(0.03), []), "missed")
+    again = surface_probe(target, up, space, contacts, ball(0.03), [missed])
     np.testing.assert_allclose(again.direction, [-1.0, 0.0, 0.0], atol=1e-12)
 
 
-class Tube(Ball):
-    """An upright tube without ends, of inner radius 0.03 and outer radius 0.05."""
-
-    def evaluate(self, points: np.ndarray) -> np.ndarray:
-        return np.abs(np.hypot(points[..., 0], points[..., 1]) - 0.04) - 0.01
-
-
 def test_the_wall_of_a_hole_is_not_touched_by_a_level_motion() -> None:
+    tube = Analytic(
+        lambda p: np.abs(np.hypot(p[..., 0], p[..., 1]) - 0.04) - 0.01, cube_bounds(0.06)
+    )
     space = Workspace(0.02, np.array([0.0, 0.0, 0.02]), 0.1, support_height=0.0, tip_radius=0.006)
     contacts = Contacts(np.array([[0.05, 0.0, 0.02]]), np.eye(3)[:1])
     for radius, normal, level in ((0.05, 1.0, True), (0.03, -1.0, False)):
         target, out = np.array([radius, 0.0, 0.003]), np.array([normal, 0.0, 0.0])
-        probe = surface_probe(target, out, space, contacts, Tube(0.05), [])
+        probe = surface_probe(target, out, space, contacts, tube, [])
         assert (probe.direction[2] == 0.0) == level
         assert level or probe.direction[2] < -0.5
+
+
+# A ball of radius 1 about the origin holds the object.
+SPACE = Workspace(0.1, np.zeros(3), 2.0 / np.sqrt(3.0))
+
+
+def made(direction: np.ndarray, seconds: float) -> ProbeOutcome:
+    return ProbeOutcome(Probe(-0.5 * direction, direction, 0.1, 0.0), "missed", duration=seconds)
+
+
+def test_an_approach_begins_on_the_ball_around_the_object() -> None:
+    starts = np.array([[0.0, 0.0, 0.4], [0.0, 0.8, 0.0], [0.0, 0.0, 1.5], [2.0, 0.0, 0.0]])
+    lengths = SPACE.approach_distance(starts, np.tile([0.0, 0.0, -1.0], (4, 1)))
+    np.testing.assert_allclose(lengths, [0.6, 0.6, 0.0, 0.0])
+
+
+def test_the_first_touch_takes_approach_guarded_step_and_retreat() -> None:
+    point, normal = np.array([[0.0, 0.0, 0.5]]), np.array([[0.0, 0.0, 1.0]])
+    expected = 0.4 / TRANSIT_SPEED + 0.1 / PROBE_SPEED + 0.5 / TRANSIT_SPEED
+    np.testing.assert_allclose(seconds_to_touch(point, normal, SPACE, []), [expected])
+
+
+def test_the_next_touch_takes_the_transfer_too() -> None:
+    normals = np.vstack([np.eye(3), -np.eye(3)])
+    alone = seconds_to_touch(0.5 * normals, normals, SPACE, [])
+    after = seconds_to_touch(0.5 * normals, normals, SPACE, [made(-normals[0], 1.0)])
+    turns = np.array([0.0, 0.5, 0.5, 1.0, 0.5, 0.5]) * np.pi
+    np.testing.assert_allclose(after - alone, turns / TRANSIT_SPEED, atol=1e-12)
+
+
+def test_the_predicted_time_is_that_of_a_touch_where_it_was_expected() -> None:
+    shape = shapes.build("box", 0.2)
+    space = Workspace(0.05, np.zeros(3), 0.2)
+    top = shape.mesh.bounds[1, 2]
+    point, normal = np.array([0.0, 0.0, top]), np.array([0.0, 0.0, 1.0])
+    prober = KinematicProber(Hand.load("allegro"), shape.mesh)
+    probe = Probe(point, -normal, space.step, 0.02)
+    outcome = prober.probe(probe, ObstacleModel(space, Contacts.empty(), None))
+    assert outcome.status == "touched"
+    predicted = seconds_to_touch(point[None], normal[None], space, [])
+    # The prober's approach begins with the tip's centre on the ball, its radius farther out.
+    assert outcome.duration == pytest.approx(predicted[0], abs=2 * 0.012 / TRANSIT_SPEED + 1e-3)

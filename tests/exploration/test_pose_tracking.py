@@ -23,7 +23,12 @@ from lis_grasp.exploration import (
     TouchLog,
     explore,
 )
-from lis_grasp.exploration.planar_motion import PoseBelief, Push, planar_pose, push_of
+from lis_grasp.exploration.planar_motion import (
+    PoseBelief,
+    Push,
+    planar_pose,
+    push_of,
+)
 from lis_grasp.exploration.policy import farthest
 from lis_grasp.pipeline.scenario import workspace
 from lis_grasp.robots.hand import Hand

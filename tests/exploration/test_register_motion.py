@@ -56,16 +56,3 @@ def test_an_object_somewhere_else_is_found_by_its_contacts(motion: tuple[float, 
 def test_contacts_of_another_object_are_not_found_on_the_estimate() -> None:
     larger = Contacts(1.2 * _contacts_on(np.eye(4)).points, _contacts_on(np.eye(4)).normals)
     assert find_displacement(larger, BOX) is None
-
-
-def test_contacts_keep_their_distances_in_another_frame() -> None:
-    contacts = _contacts_on(np.eye(4))
-    moved = contacts.in_frame(planar_pose(np.array([0.1, 0.2, 0.5])))
-    np.testing.assert_allclose(
-        np.linalg.norm(moved.points - moved.points[0], axis=1),
-        np.linalg.norm(contacts.points - contacts.points[0], axis=1),
-        atol=1e-12,
-    )
-    back = moved.in_frame(np.linalg.inv(planar_pose(np.array([0.1, 0.2, 0.5]))))
-    np.testing.assert_allclose(back.points, contacts.points, atol=1e-12)
-    np.testing.assert_allclose(back.normals, contacts.normals, atol=1e-12)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from analytic_surfaces import Analytic, Ball, cube_bounds
 
 from lis_grasp import Hand, shapes
 from lis_grasp.contacts import Contacts
@@ -30,19 +31,8 @@ RADIUS = 0.05
 SPACE = Workspace(0.025, np.zeros(3), 2.0 * RADIUS)
 
 
-class Ball:
-    """A ball with a standard deviation of 1 mm below the centre and 3 mm above."""
-
-    bounds = np.array([[-0.06] * 3, [0.06] * 3])
-
-    def evaluate(self, points: np.ndarray) -> np.ndarray:
-        return np.linalg.norm(points, axis=-1) - RADIUS
-
-    def gradient(self, points: np.ndarray) -> np.ndarray:
-        return points / np.linalg.norm(points, axis=-1, keepdims=True)
-
-    def uncertainty(self, points: np.ndarray) -> np.ndarray:
-        return np.where(points[..., 2] < 0.0, 0.001, 0.003)
+# A standard deviation of 1 mm below the centre and 3 mm above.
+BALL = Ball(RADIUS, doubt=lambda p: np.where(p[..., 2] < 0.0, 0.001, 0.003))
 
 
 def cap(fraction: float, count: int = 400) -> Contacts:
@@ -59,19 +49,19 @@ def test_coverage_is_the_fraction_of_the_estimate_within_a_step() -> None:
     contacts = cap(0.5)
     covered = 0.5 * (1.0 + np.sin(2.0 * np.arcsin(0.25)))
     for fraction, ends in ((covered - 0.03, True), (covered + 0.03, False)):
-        reason = stop_when_covered(fraction, SPACE)(contacts, Ball(), ())
+        reason = stop_when_covered(fraction, SPACE)(contacts, BALL, ())
         assert (reason is not None) == ends
 
 
 def test_nearly_all_of_the_surface_must_be_certain() -> None:
-    assert stop_when_certain(0.0035, SPACE)(cap(0.5), Ball(), ()) is not None
-    assert stop_when_certain(0.0025, SPACE)(cap(0.5), Ball(), ()) is None
+    assert stop_when_certain(0.0035, SPACE)(cap(0.5), BALL, ()) is not None
+    assert stop_when_certain(0.0025, SPACE)(cap(0.5), BALL, ()) is None
 
 
 def test_time_is_that_of_the_probes() -> None:
     outcome = ProbeOutcome(Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1), "missed", duration=2.0)
-    assert stop_after(4.0)(cap(0.5), Ball(), [outcome]) is None
-    assert "4 s" in str(stop_after(4.0)(cap(0.5), Ball(), [outcome] * 2))
+    assert stop_after(4.0)(cap(0.5), BALL, [outcome]) is None
+    assert "4 s" in str(stop_after(4.0)(cap(0.5), BALL, [outcome] * 2))
 
 
 def test_an_estimate_without_surface_is_no_reason_to_stop() -> None:
@@ -100,8 +90,8 @@ def test_a_good_grasp_ends_the_exploration_if_two_more_contacts_confirm_it() -> 
     rule = stop_when_graspable(0.8, lambda surface: next(predictions))
     reasons = []
     for count in range(1, 17):
-        rule = rule.noted(cap(0.5, count), Ball())
-        reasons.append(rule(cap(0.5, count), Ball(), ()))
+        rule = rule.noted(cap(0.5, count), BALL)
+        reasons.append(rule(cap(0.5, count), BALL, ()))
     assert [reason is not None for reason in reasons] == 15 * [False] + [True]
     assert not list(predictions)
 
@@ -125,14 +115,9 @@ def test_a_resumed_exploration_ends_at_the_same_prediction(lost_at: int | None) 
         def __init__(self, made: int) -> None:
             self.made = made
 
-    class Counted(Ball):
-        """An estimate that tells the number of its contacts."""
-
-        def __init__(self, contacts: Contacts) -> None:
-            self.count = len(contacts)
-
-        def evaluate(self, points: np.ndarray) -> np.ndarray:
-            return np.full(points.shape[:-1], float(self.count))
+    def counted(contacts: Contacts) -> Analytic:
+        """Return an estimate that tells the number of its contacts."""
+        return Analytic(lambda p: np.full(p.shape[:-1], float(len(contacts))), cube_bounds(0.06))
 
     def explored(recorded: Sequence[ProbeOutcome]) -> tuple[int, int]:
         asked = []
@@ -145,7 +130,7 @@ def test_a_resumed_exploration_ends_at_the_same_prediction(lost_at: int | None) 
         line = Line(len(recorded))
         exploration = explore(
             line,
-            ExplorationSetup(line, Counted, touches=40, stop=[stop_when_graspable(0.8, predict)]),
+            ExplorationSetup(line, counted, touches=40, stop=[stop_when_graspable(0.8, predict)]),
             rng=np.random.default_rng(0),
             recorded=recorded,
         )
@@ -162,18 +147,13 @@ def test_a_resumed_exploration_ends_at_the_same_prediction(lost_at: int | None) 
 
 
 def test_an_estimate_that_cannot_be_meshed_allows_no_grasp() -> None:
-    class Nothing(Ball):
-        """A surface without an inside."""
-
-        def evaluate(self, points: np.ndarray) -> np.ndarray:
-            return np.ones(points.shape[:-1])
-
+    nothing = Analytic(lambda p: np.ones(p.shape[:-1]), cube_bounds(0.06))  # has no inside
     scenario = Scenario.from_config(RunConfig(until_success=0.5), BOX, HAND)
     (rule,) = stop_rules(scenario.known)
     contacts = cap(0.5, 12)
     for _ in range(2):
-        rule = rule.noted(contacts, Nothing())
-        assert rule(contacts, Nothing(), ()) is None
+        rule = rule.noted(contacts, nothing)
+        assert rule(contacts, nothing, ()) is None
 
 
 @pytest.mark.parametrize("probability", [0.0, 1.0, np.nan])

@@ -19,9 +19,7 @@ DOWN = Probe([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 0.03, 0.02)
 
 @pytest.fixture(scope="module")
 def plate() -> trimesh.Trimesh:
-    box = trimesh.creation.box(extents=[0.6, 0.6, 0.1])
-    box.apply_translation([0.0, 0.0, -0.05])
-    return box
+    return trimesh.creation.box(extents=[0.6, 0.6, 0.1]).apply_translation([0.0, 0.0, -0.05])
 
 
 def test_several_fingers_touch_a_slope_once_each(plate: trimesh.Trimesh) -> None:

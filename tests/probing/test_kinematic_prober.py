@@ -74,8 +74,7 @@ def test_a_touch_on_a_sliver_has_the_normal_around_it() -> None:
 def test_a_spherical_tip_touches_a_slope_beside_the_target() -> None:
     # A sphere of radius r that moves down on a slope at 30 degrees, its lowest point along a line,
     # meets it r sin 30 beside that line.
-    slope = trimesh.creation.box(extents=[0.2, 0.2, 0.1])
-    slope.apply_translation([0.0, 0.0, -0.05])
+    slope = trimesh.creation.box(extents=[0.2, 0.2, 0.1]).apply_translation([0.0, 0.0, -0.05])
     slope.apply_transform(trimesh.transformations.rotation_matrix(np.deg2rad(30.0), [0, 1, 0]))
     hand = Hand.load("allegro")
     radius = next(iter(hand.probe_postures.values())).radius
@@ -167,8 +166,7 @@ def test_the_whole_hand_is_collision_free_up_to_the_touch(hand: Hand, from_outsi
 
 def test_an_unknown_obstacle_is_touched_on_the_approach(hand: Hand) -> None:
     # An unknown plate covers the target.
-    plate = trimesh.creation.box(extents=[0.3, 0.3, 0.01])
-    plate.apply_translation([0.0, 0.0, 0.08])
+    plate = trimesh.creation.box(extents=[0.3, 0.3, 0.01]).apply_translation([0.0, 0.0, 0.08])
     space = Workspace(0.05, np.zeros(3), 0.2)
     prober = KinematicProber(hand, plate)
     probe = Probe([0.0, 0.0, 0.03], [0.0, 0.0, -1.0], 0.02, 0.01)

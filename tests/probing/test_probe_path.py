@@ -16,8 +16,7 @@ from lis_grasp.probing.guarded_motion import GuardedMotion
 
 STEP, BEFORE = 0.01, 0.002
 STATION = station_with("wsg50")
-BOX = trimesh.creation.box(extents=[0.06, 0.06, 0.12])
-BOX.apply_translation([0.0, 0.0, 0.06])
+BOX = trimesh.creation.box(extents=[0.06, 0.06, 0.12]).apply_translation([0.0, 0.0, 0.06])
 SPACE = ObstacleModel(
     Workspace(0.03, np.array([0.0, 0.0, 0.06]), 0.12, 0.0), Contacts.empty(), None
 )

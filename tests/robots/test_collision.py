@@ -42,8 +42,7 @@ def test_a_hand_wholly_inside_the_object_is_found() -> None:
 def test_a_body_is_inside_where_its_mesh_is_and_not_its_frame(at: float, inside: bool) -> None:
     # A cube of 1 cm, 15 cm beside its frame's origin, and a block of 5 cm round one of the two.
     (body,) = {g.link: g for g in JAW.link_geometries if g.link == JAW.base_link}.values()
-    cube = trimesh.creation.box((0.01, 0.01, 0.01))
-    cube.apply_translation([0.15, 0.0, 0.0])
+    cube = trimesh.creation.box((0.01, 0.01, 0.01)).apply_translation([0.15, 0.0, 0.0])
     far = replace(body, kind="mesh", dimensions=(), mesh=cube, X_LG=np.eye(4))
     hand = replace(JAW, link_geometries=(far,))
     block = trimesh.creation.box((0.05, 0.05, 0.05))
@@ -55,8 +54,7 @@ def test_a_body_is_inside_where_its_mesh_is_and_not_its_frame(at: float, inside:
 
 def test_a_hand_collides_with_the_support_from_its_lowest_point_on() -> None:
     hand = JAW
-    mesh = trimesh.creation.box((0.01, 0.01, 0.01))
-    mesh.apply_translation([0.0, 0.0, 3.0])
+    mesh = trimesh.creation.box((0.01, 0.01, 0.01)).apply_translation([0.0, 0.0, 3.0])
     poses = hand.forward_kinematics(_above(0.3), OPEN)
     vertices = [
         trimesh.transform_points(g.mesh.vertices, poses[g.link] @ g.X_LG)

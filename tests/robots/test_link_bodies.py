@@ -11,8 +11,7 @@ from lis_grasp.robots.link_bodies import load_mesh
 
 @pytest.mark.parametrize("ending", ["obj", "stl", "ply", "glb"])
 def test_the_mesh_of_a_link_is_upright_in_every_format(tmp_path: Path, ending: str) -> None:
-    upright = trimesh.creation.box([0.1, 0.2, 0.3])
-    upright.apply_translation([0.01, 0.02, 0.5])
+    upright = trimesh.creation.box([0.1, 0.2, 0.3]).apply_translation([0.01, 0.02, 0.5])
     written = upright.copy()
     if ending == "glb":  # glTF has +y up: x, z, -y
         written.vertices = np.column_stack(

@@ -61,8 +61,7 @@ def test_the_grid_of_a_tiny_object_is_as_coarse_as_the_hand() -> None:
 def test_pads_may_touch_with_that_option() -> None:
     hand = Hand.load("wsg50")
     center = hand.pad_centers(np.eye(4), hand.lower + 0.02).mean(axis=0)
-    ball = trimesh.creation.icosphere(radius=0.03)
-    ball.apply_translation(center)
+    ball = trimesh.creation.icosphere(radius=0.03).apply_translation(center)
     poses = HandPoseFilter(hand, ball)
     q = hand.lower + 0.005  # the pads reach deep into the ball, the palm is far
     assert poses.collides(np.eye(4)[None], q)[0]

@@ -137,8 +137,7 @@ def test_touches_of_objects_that_are_not_convex_keep_their_accuracy(name: str) -
 
 
 def test_contacts_in_a_concave_corner_have_the_normals_of_its_sides() -> None:
-    upright = trimesh.creation.box(extents=[0.02, 0.1, 0.1])
-    upright.apply_translation([-0.04, 0.0, 0.05])
+    upright = trimesh.creation.box(extents=[0.02, 0.1, 0.1]).apply_translation([-0.04, 0.0, 0.05])
     corner = trimesh.boolean.union([trimesh.creation.box(extents=[0.1, 0.1, 0.02]), upright])
     prober = DynamicProber(Hand.load("allegro"), corner)
     outcome = prober.probe(Probe([-0.03, 0.0, 0.01], [-1.0, 0.0, -1.0], 0.04, 0.02))
@@ -169,8 +168,7 @@ def test_a_patch_on_both_sides_of_a_groove_is_split_at_the_gap() -> None:
 
 
 def test_a_tip_across_a_groove_touches_both_of_its_rims() -> None:
-    block = trimesh.creation.box(extents=[0.1, 0.1, 0.06])
-    block.apply_translation([0.0, 0.0, -0.03])
+    block = trimesh.creation.box(extents=[0.1, 0.1, 0.06]).apply_translation([0.0, 0.0, -0.03])
     groove = trimesh.creation.box(extents=[0.004, 0.2, 0.02])  # narrower than the tip
     prober = DynamicProber(Hand.load("allegro"), trimesh.boolean.difference([block, groove]))
     outcome = prober.probe(Probe([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 0.03, 0.01))

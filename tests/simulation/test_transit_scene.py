@@ -13,8 +13,7 @@ from lis_grasp.simulation.drake._transit_scene import TransitScene
 STATION = station_with("wsg50")
 ARM, HAND = STATION.arm, STATION.hand
 OPEN = next(iter(HAND.pregrasps.values()))
-POST = trimesh.creation.box(extents=[0.04, 0.04, 0.2])
-POST.apply_translation([0.0, 0.0, 0.1])
+POST = trimesh.creation.box(extents=[0.04, 0.04, 0.2]).apply_translation([0.0, 0.0, 0.1])
 pytestmark = pytest.mark.slow
 
 

@@ -12,8 +12,7 @@ from lis_grasp.exploration.probe import HandPose
 from lis_grasp.visualization import Scene
 
 STATION = station_with("wsg50")
-BOX = trimesh.creation.box(extents=[0.06, 0.06, 0.12])
-BOX.apply_translation([0.0, 0.0, 0.06])
+BOX = trimesh.creation.box(extents=[0.06, 0.06, 0.12]).apply_translation([0.0, 0.0, 0.06])
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
