@@ -11,9 +11,11 @@ from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import ConvexHull
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
+from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, note
+from lis_grasp.geometry import tangent_frame
 from lis_grasp.io.contact_files import read_point_file
 from lis_grasp.io.units import in_metres, require_plausible_size
 from lis_grasp.surfaces._contact_noise import filled
@@ -35,6 +37,10 @@ INWARD = 0.75
 """Fraction in front above which normals point inward."""
 DOUBTFUL = 0.55
 """Fraction in front above which normals may point inward."""
+
+# A table: of the points, the least fraction and count in a plane; the distance from it, and the
+# width of its border, as fractions of the extent.
+_TABLE, _LEAST_ON_TABLE, _ON_PLANE, _WIDTH = 0.1, 12, 0.02, 0.1
 
 NormalSide = Literal["outward", "inward", "unsigned"]
 """Side of the surface that a file's normals point to; unsigned: unknown for each."""
@@ -76,6 +82,35 @@ def _are_of_one_view(normals: FloatArray) -> bool:
     mean = normals.mean(axis=0)
     length = float(np.linalg.norm(mean))
     return length > _LEAST_MEAN and bool(np.mean(normals @ (mean / length) > _BORDER) >= _VIEW)
+
+
+def _note_table(path: Path | str, points: FloatArray, normals: FloatArray | None) -> None:
+    """Note points (N, 3) in a plane of the convex hull that reach beyond the others, as a table's.
+
+    The normals of a table, if they are known, point into the hull.
+    """
+    if len(points) < _LEAST_ON_TABLE or np.linalg.matrix_rank(points - points.mean(axis=0)) < 3:
+        return
+    rows = np.linspace(0, len(points) - 1, min(len(points), 5 * _MOST)).astype(int)
+    chosen = points[rows]
+    faces = ConvexHull(chosen).equations  # (H, 4), outward
+    height = faces[:, :3] @ chosen.T + faces[:, 3:]  # (H, N), 0 or less
+    near = _ON_PLANE * float(np.ptp(points, axis=0).max())
+    best = int(np.argmax((height > -near).sum(axis=1)))
+    on, others = height[best] > -near, height[best] < -2.0 * near
+    if on.sum() < max(_TABLE * len(chosen), _LEAST_ON_TABLE) or not others.any():
+        return
+    if normals is not None and np.median(normals[rows][on] @ faces[best, :3]) > 0.0:
+        return
+    turns = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+    around = np.column_stack([np.cos(turns), np.sin(turns)]) @ tangent_frame(faces[best, :3])
+    border = (chosen[on] @ around.T).max(axis=0) - (chosen[others] @ around.T).max(axis=0)
+    if np.median(border) > _WIDTH * np.ptp(chosen[others], axis=0).max():
+        note(
+            f"{path}: {100 * np.mean(on):.0f} % of the points are in a plane and reach"
+            f" {1e3 * np.median(border):.0f} mm beyond the others, as those of a table do: if it is"
+            " one, leave them out of the file, for they are taken as the object's"
+        )
 
 
 def load_contacts(
@@ -137,6 +172,7 @@ def load_contacts(
     require_range("fingertip_radius", fingertip_radius, unit="m")
     try:
         require_plausible_size(fields["points"], units)
+        _note_table(path, fields["points"], own_normals)
         if own_normals is None:
             own = fields.get("position_noise")
             known = own

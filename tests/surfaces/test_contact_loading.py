@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from lis_grasp.exceptions import (
     InvalidOptionError,
     LisGraspWarning,
 )
+from lis_grasp.geometry import unit
 from lis_grasp.io.contact_files import read_point_file
 from lis_grasp.surfaces import load_contacts
 from lis_grasp.surfaces.contact_loading import fraction_in_front
@@ -333,6 +335,28 @@ def test_rows_without_a_contact_are_left_out_and_counted(
     with pytest.warns(LisGraspWarning, match=said):
         contacts = load_contacts(tmp_path / "a.csv")
     np.testing.assert_allclose(contacts.points, np.delete(_ROWS, [2, 7], axis=0)[:, :3])
+
+
+@pytest.mark.parametrize("border", [0.0, 0.02, 0.06])
+@pytest.mark.parametrize("normals", ["none", "up", "down"])
+def test_a_table_round_the_object_is_noted_and_a_foot_of_it_is_not(
+    border: float, normals: str, tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    # A ball of 30 mm radius, and points below it; normals down are those of its own foot.
+    rng = np.random.default_rng(0)
+    ball = unit(rng.normal(size=(300, 3)))
+    reach = 0.03 + border
+    base = np.column_stack([rng.uniform(-reach, reach, (150, 2)), np.full(150, -0.03)])
+    base = base if border else base[:0]
+    sides = np.tile([0.0, 0.0, -1.0 if normals == "down" else 1.0], (len(base), 1))
+    rows = np.hstack([np.vstack([0.03 * ball, base]), np.vstack([ball, sides])])
+    header = "x,y,z" if normals == "none" else "x,y,z,nx,ny,nz"
+    (tmp_path / "a.csv").write_text(_text(header, rows[:, : len(header.split(","))]))
+    assert len(load_contacts(tmp_path / "a.csv")) == len(rows)
+    said = [str(warning.message) for warning in recwarn]
+    assert len(said) == (border > 0.0 and normals != "down")
+    # A third of the points, and those of the ball that are as near to the plane.
+    assert all(re.search("3[3-9] % of the points are in a plane", text) for text in said)
 
 
 @pytest.mark.parametrize("mark", [";", " ", ","])
