@@ -57,7 +57,7 @@ def check_arm(arm: Arm, hand: Hand) -> list[Finding]:
 
 
 def _masses(arm: Arm) -> Iterator[Finding]:
-    yield from body_findings(arm.inertials, arm.hulls_of_visuals)
+    yield from body_findings(arm)
     fine = 0.1 <= arm.mass <= 500.0
     advice = "" if fine else ": masses must be in kg, 0.1 to 500 in all"
     joints = len(arm.joint_names)

@@ -77,7 +77,7 @@ def run(
     folder, watch, arm_use = results_folder(config, folder), Stopwatch(), ArmUse()
     scenario = Scenario.from_config(config)
     say_object(scenario, progress)
-    require_possible_inertias(scenario.known.hand.inertials)
+    require_possible_inertias(scenario.known.hand)
     require_simulator(config.simulator, scenario.truth.shape)
     # Threads change the order of sums, and so the last digits of results.
     with sole_writer(folder), threadpool_limits(1):

@@ -125,7 +125,7 @@ class _Builder:
     ) -> dict[str, Inertial]:
         """Return the mass properties by link; a link that moves must have, or carry, a mass."""
         inertials = {name: link_inertial(self._links[name]) for name in names}
-        repair = set(impossible_inertias(inertials)) if self._repair else set()
+        repair = set(impossible_inertias(inertials, bodies)) if self._repair else set()
         while missing := _massless(inertials, joints):
             joint = missing[0]
             if not self._repair or joint.child in repair:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -13,8 +13,8 @@ from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.io.yaml_files import is_plain_text
 from lis_grasp.robots.collision import checker_of
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.inertias import impossible_inertias
-from lis_grasp.robots.robot_model import Inertial, LinkGeometry, Pad, ProbePosture
+from lis_grasp.robots.inertias import RULE, impossible_inertias
+from lis_grasp.robots.robot_model import LinkGeometry, Pad, ProbePosture, RobotModel
 from lis_grasp.typing import FloatArray
 
 # A pad counts as covered by its link where the link is further out by more than this [m].
@@ -44,31 +44,29 @@ def check_hand(hand: Hand) -> list[Finding]:
     return [finding for check in checks for finding in check(hand)]
 
 
-def body_findings(
-    inertials: Mapping[str, Inertial], hulls_of_visuals: Sequence[str], *, also: str = ""
-) -> Iterator[Finding]:
+def body_findings(model: RobotModel, *, also: str = "") -> Iterator[Finding]:
     """Find impossible inertias of links, and links without collision bodies.
 
     `also` is another remedy of the inertias, in words that follow the first.
     """
-    faults = impossible_inertias(inertials)
+    faults = impossible_inertias(model.inertials, model.link_geometries)
     if faults:
         yield Finding(
             False,
-            f"the inertia of {', '.join(faults)} is impossible: principal moments must be positive,"
-            f" and none larger than the other two together. Add `repair: true` to the YAML{also}",
+            f"the inertia of {', '.join(faults)} is impossible: {RULE}. Add `repair: true` to the"
+            f" YAML{also}",
         )
-    if hulls_of_visuals:
+    if model.hulls_of_visuals:
         yield Finding(
             True,
             "without collision bodies, so the convex hulls of their visual meshes are used:"
-            f" {', '.join(hulls_of_visuals)}",
+            f" {', '.join(model.hulls_of_visuals)}",
         )
 
 
 def _masses(hand: Hand) -> Iterator[Finding]:
     also = ", or write a corrected copy of the description with `lis-grasp doctor --repair`"
-    yield from body_findings(hand.inertials, hand.hulls_of_visuals, also=also)
+    yield from body_findings(hand, also=also)
     weight = 0.05 <= hand.mass <= 10.0
     advice = "" if weight else ": masses must be in kg, 0.05 to 10 in all"
     yield Finding(weight, f"the hand weighs {hand.mass:.2f} kg{advice}")

@@ -9,12 +9,21 @@ import numpy.typing as npt
 import trimesh
 
 from lis_grasp.exceptions import InvalidHandError
-from lis_grasp.robots.robot_model import Inertial
+from lis_grasp.robots.link_bodies import points_of_bodies
+from lis_grasp.robots.robot_model import Inertial, LinkGeometry, RobotModel
 from lis_grasp.typing import FloatArray
 
 LEAST_MASS = 1e-3
 """A link of less mass [kg] is simulated as a ball of this mass, whatever its inertia."""
 
+RULE = (
+    "principal moments must be positive, none larger than the other two together, and as of a body"
+    " of the link's size and place"
+)
+"""What inertias must be, for messages."""
+
+# The radius of gyration is within this multiple of the farthest vertex, or of this length [m].
+_FARTHEST, _LEAST_SIZE = 2.5, 0.03
 # Of a link whose file gives no mass [kg/m^3]: plastics, or metal with cavities.
 _DENSITY = 1000.0
 _SMALL_BALL = 0.01  # radius of a link without bodies [m]
@@ -23,15 +32,24 @@ _ROUNDING = 1e-3
 _MARGIN = 1e-9  # by which principal moments keep off the bound, as a fraction
 
 
-def is_possible(inertial: Inertial) -> bool:
-    """Return whether a body can have these mass properties, or its mass is below `LEAST_MASS`.
+def is_possible(inertial: Inertial, points_L: FloatArray) -> bool:
+    """Return whether a link can have these mass properties, or its mass is below `LEAST_MASS`.
 
-    Principal moments must be positive, and none may exceed the sum of the other two.
+    Principal moments must be positive, and none may exceed the sum of the other two. About the
+    middle of the link's bodies, whose vertices are `points_L` (N, 3), the radius of gyration must
+    not be far beyond them.
     """
     if inertial.mass < LEAST_MASS:
         return True
     low, middle, high = np.linalg.eigvalsh(inertial.inertia_L)
-    return bool(low > 0.0 and high <= low + middle)
+    if not (low > 0.0 and high <= low + middle):
+        return False
+    if not len(points_L):
+        return True
+    center = 0.5 * (points_L.min(axis=0) + points_L.max(axis=0))
+    size = max(float(np.linalg.norm(points_L - center, axis=1).max()), _LEAST_SIZE)
+    offset = inertial.center_L - center
+    return bool(high / inertial.mass + offset @ offset <= (_FARTHEST * size) ** 2)
 
 
 def small_ball(mass: float) -> FloatArray:
@@ -39,22 +57,23 @@ def small_ball(mass: float) -> FloatArray:
     return np.asarray(0.4 * mass * _SMALL_BALL**2 * np.eye(3))
 
 
-def impossible_inertias(inertials: Mapping[str, Inertial]) -> list[str]:
-    """Return the names of the links whose inertia no body can have."""
-    return [link for link, inertial in inertials.items() if not is_possible(inertial)]
+def impossible_inertias(
+    inertials: Mapping[str, Inertial], bodies: Sequence[LinkGeometry]
+) -> list[str]:
+    """Return the names of the links whose inertia they cannot have, given all bodies."""
+    return [k for k, i in inertials.items() if not is_possible(i, points_of_bodies(bodies, k))]
 
 
-def require_possible_inertias(inertials: Mapping[str, Inertial]) -> None:
+def require_possible_inertias(model: RobotModel) -> None:
     """Raise `InvalidHandError` if a link's inertia is impossible, as simulation needs all of them.
 
     The message names the links and both fixes.
     """
-    faults = impossible_inertias(inertials)
+    faults = impossible_inertias(model.inertials, model.link_geometries)
     if faults:
         raise InvalidHandError(
-            f"the inertia of {', '.join(faults)} is impossible (principal moments must be positive,"
-            " and none larger than the other two together): add `repair: true` to the hand's YAML,"
-            " or write a corrected copy of its model with `lis-grasp doctor --repair`"
+            f"the inertia of {', '.join(faults)} is impossible ({RULE}): add `repair: true` to the"
+            " hand's YAML, or write a corrected copy of its model with `lis-grasp doctor --repair`"
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import yourdfpy
 from scipy.spatial import QhullError
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError, LisGraspError, shown
-from lis_grasp.geometry import make_pose
+from lis_grasp.geometry import apply_pose, make_pose
 from lis_grasp.io.mesh_files import TO_Z_UP, read_mesh
 from lis_grasp.robots.robot_model import GeometryKind, LinkGeometry, LinkVisual
 from lis_grasp.typing import FloatArray
@@ -108,6 +108,12 @@ def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
     if not (np.abs(loaded.vertices) <= LARGEST).all():
         raise InvalidHandError(f"the mesh {file.name} must be within {LARGEST:g} m of its origin")
     return loaded
+
+
+def points_of_bodies(bodies: Sequence[LinkGeometry], link: str) -> FloatArray:
+    """Return all vertices of the bodies of a link, shape (N, 3) [m], in the link frame."""
+    own = [apply_pose(b.X_LG, np.asarray(b.mesh.vertices)) for b in bodies if b.link == link]
+    return np.vstack([np.empty((0, 3)), *own])
 
 
 def convex_body(link: str, X_LG: FloatArray, mesh: trimesh.Trimesh) -> LinkGeometry | None:

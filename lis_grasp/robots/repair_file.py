@@ -12,10 +12,11 @@ import numpy as np
 
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.io.atomic_writing import write_text
-from lis_grasp.robots._build_model import read_description
-from lis_grasp.robots._description import DescriptionEdits
+from lis_grasp.robots._build_model import link_inertial, read_description
+from lis_grasp.robots._description import DescriptionEdits, apply_edits, parse_description
 from lis_grasp.robots._urdf import parse_xml
-from lis_grasp.robots.inertias import LEAST_MASS, is_possible
+from lis_grasp.robots.inertias import is_possible
+from lis_grasp.robots.link_bodies import points_of_bodies
 from lis_grasp.robots.robot_model import Inertial
 from lis_grasp.typing import FloatArray
 
@@ -35,7 +36,10 @@ def write_repaired(path: Path, edits: DescriptionEdits, output: Path) -> list[st
     Paths of meshes are rewritten relative to the copy. The new values are those of
     `repaired_inertial`; the other links stay as they are. Errors as of `Hand.load`.
     """
-    repaired = read_description(path, replace(edits, repair=True)).inertials
+    model = read_description(path, replace(edits, repair=True))
+    repaired = model.inertials
+    robot = apply_edits(parse_description(path), edits)
+    centers = {each.name: link_inertial(each).center_L for each in robot.links}
     root = parse_xml(path)
     form = {"sdf": "sdf", "robot": "urdf"}.get(root.tag)
     if form is None:
@@ -50,7 +54,8 @@ def write_repaired(path: Path, edits: DescriptionEdits, output: Path) -> list[st
         if name not in repaired or repaired[name].mass <= 0.0:
             continue
         before = _mass(link, form)
-        if before > 0.0 and _is_given(link, form, repaired[name]):
+        points = points_of_bodies(model.link_geometries, name)
+        if before > 0.0 and is_possible(_given(link, form, centers[name]), points):
             continue
         _write(link, form, repaired[name])
         mass = repaired[name].mass
@@ -71,15 +76,14 @@ def _mass(link: ET.Element, form: str) -> float:
     return float(mass.get("value", "0") if form == "urdf" else mass.text or "0")
 
 
-def _is_given(link: ET.Element, form: str, repaired: Inertial) -> bool:
-    """Return whether the file's own inertia of a link is possible, whatever its axes."""
+def _given(link: ET.Element, form: str, center_L: FloatArray) -> Inertial:
+    """Return the file's own mass properties of a link, whatever their axes."""
     inertia = link.find("inertial/inertia")
     values = {} if inertia is None else _moments(inertia, form)
     matrix = np.zeros((3, 3))
     for name, (i, j) in _MOMENTS.items():
         matrix[i, j] = matrix[j, i] = values.get(name, 0.0)
-    own = Inertial(_mass(link, form), repaired.center_L, matrix)
-    return own.mass < LEAST_MASS or is_possible(own)
+    return Inertial(_mass(link, form), center_L, matrix)
 
 
 def _moments(inertia: ET.Element, form: str) -> Mapping[str, float]:

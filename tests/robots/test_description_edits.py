@@ -12,15 +12,22 @@ from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.robots._build_model import read_description
 from lis_grasp.robots._description import DescriptionEdits
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.inertias import is_possible, repaired_inertial, without_rounding
+from lis_grasp.robots.inertias import (
+    impossible_inertias,
+    is_possible,
+    repaired_inertial,
+    without_rounding,
+)
 from lis_grasp.robots.kinematics import Kinematics
 from lis_grasp.robots.link_bodies import convex_body
 from lis_grasp.robots.model_uri import resolve_uri
 from lis_grasp.robots.pose_filter import HandPoseFilter, balls_inside
+from lis_grasp.robots.repair_file import write_repaired
 from lis_grasp.robots.robot_model import Inertial, LinkGeometry, RobotModel
 from lis_grasp.robots.shipped_models import model_path
 
 ALLEGRO = model_path("hands/allegro/allegro.urdf")
+METRES = 'ixx="0.5" ixy="0" ixz="0" iyy="0.5" iyz="0" izz="0.5"'  # of a body metres large
 BARRETT = model_path("hands/barrett/barrett.urdf")
 
 
@@ -73,35 +80,65 @@ def test_a_repaired_inertia_is_that_of_the_bodies() -> None:
     a, d, mass = 0.02, 0.03, 0.5
     cubes = [trimesh.creation.box([a] * 3).apply_translation([s * d, 0, 0]) for s in (-1, 1)]
     broken = Inertial(mass, np.zeros(3), np.diag([1e-6, 1e-6, 1.0]))
-    assert not is_possible(broken)
+    points = np.vstack([cube.vertices for cube in cubes])
+    assert not is_possible(broken, points)
     repaired = repaired_inertial(broken, cubes)
     across = mass * (a**2 / 6.0 + d**2)
     np.testing.assert_allclose(
         repaired.inertia_L, np.diag([mass * a**2 / 6.0, across, across]), rtol=1e-6, atol=1e-12
     )
-    assert is_possible(repaired)
+    assert is_possible(repaired, points)
 
 
 def test_only_violations_by_rounding_are_corrected_in_silence() -> None:
     rounded = np.diag([1.0, 2.0, 3.0002])
-    assert is_possible(Inertial(1.0, np.zeros(3), without_rounding(rounded)))
+    assert is_possible(Inertial(1.0, np.zeros(3), without_rounding(rounded)), np.empty((0, 3)))
     np.testing.assert_allclose(without_rounding(rounded), rounded, rtol=1e-3)
     wrong = np.diag([1.0, 2.0, 3.1])
     np.testing.assert_array_equal(without_rounding(wrong), wrong)
 
 
-def test_repair_replaces_impossible_inertias_and_keeps_the_others(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("size", "at", "possible"),
+    # Of a cube with sides of 0.1 m; its corners are 0.087 m from its middle.
+    [(0.1, 0.0, True), (0.3, 0.0, True), (1.0, 0.0, False), (0.1, 0.2, True), (0.1, 1.0, False)],
+)
+def test_the_inertia_of_a_much_larger_or_distant_body_is_impossible(
+    size: float, at: float, possible: bool
+) -> None:
+    corners = np.asarray(trimesh.creation.box([0.1] * 3).vertices)
+    own = Inertial(0.3, np.array([at, 0.0, 0.0]), 0.3 * size**2 / 6.0 * np.eye(3))
+    assert is_possible(own, corners) is possible
+    assert is_possible(own, np.empty((0, 3)))  # nothing is known without bodies
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('ixx="1.960e-05"', 'ixx="1.960e-02"'),
+        ('ixx="9.807e-04" ixy="0" ixz="0" iyy="4.810e-04" iyz="0" izz="6.495e-04"', METRES),
+    ],
+    ids=["moments", "size"],
+)
+def test_repair_replaces_impossible_inertias_and_keeps_the_others(
+    old: str, new: str, tmp_path: Path
+) -> None:
     broken = tmp_path / "broken.urdf"
     text = ALLEGRO.read_text()
-    broken.write_text(text.replace('ixx="1.960e-05"', 'ixx="1.960e-02"'))
+    assert old in text
+    broken.write_text(text.replace(old, new))
     before, after = (
         read_description(broken),
         read_description(broken, DescriptionEdits(repair=True)),
     )
-    faults = {link for link, inertial in before.inertials.items() if not is_possible(inertial)}
+    faults = impossible_inertias(before.inertials, before.link_geometries)
     assert faults
+    assert not impossible_inertias(after.inertials, after.link_geometries)
+    copy = tmp_path / "copy.urdf"
+    assert len(write_repaired(broken, DescriptionEdits(), copy)) == len(faults)
+    copied = read_description(copy).inertials
     for link, inertial in after.inertials.items():
-        assert is_possible(inertial)
+        np.testing.assert_allclose(copied[link].inertia_L, inertial.inertia_L, rtol=1e-6)
         assert inertial.mass == before.inertials[link].mass
         if link not in faults:
             np.testing.assert_array_equal(inertial.inertia_L, before.inertials[link].inertia_L)

@@ -10,9 +10,9 @@ import numpy as np
 from lis_grasp.geometry import apply_inverse, apply_pose
 from lis_grasp.records import read_only
 from lis_grasp.robots.collision import HandCollisionChecker
-from lis_grasp.robots.draft._structure import link_points, points_of_bodies, rigid_groups
+from lis_grasp.robots.draft._structure import link_points, rigid_groups
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.link_bodies import fibonacci_directions
+from lis_grasp.robots.link_bodies import fibonacci_directions, points_of_bodies
 from lis_grasp.robots.robot_model import ProbePosture, joints_to
 from lis_grasp.typing import FloatArray
 
@@ -59,8 +59,7 @@ class _Search:
         self._hand = hand
         self._points = link_points(hand)
         self._vertices = {
-            link: points_of_bodies([g for g in hand.link_geometries if g.link == link])
-            for link in self._points
+            link: points_of_bodies(hand.link_geometries, link) for link in self._points
         }
         self._groups = rigid_groups(hand)
         self._directions = fibonacci_directions(_DIRECTIONS)

@@ -16,7 +16,7 @@ from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.kinematics import link_kinematics
-from lis_grasp.robots.link_bodies import fibonacci_directions
+from lis_grasp.robots.link_bodies import fibonacci_directions, points_of_bodies
 from lis_grasp.robots.robot_model import Joint, LinkGeometry, RobotModel, joints_to
 from lis_grasp.typing import FloatArray
 
@@ -45,12 +45,6 @@ _NEAR = 3  # movable joints between two links that are near in the tree
 _CHAINED = 2  # movable joints between two links of one chain whose limits keep them apart
 
 
-def points_of_bodies(bodies: Sequence[LinkGeometry]) -> FloatArray:
-    """Return all vertices of bodies of one link, shape (N, 3) [m], in the link frame."""
-    placed = [apply_pose(b.X_LG, np.asarray(b.mesh.vertices)) for b in bodies]
-    return np.vstack([np.empty((0, 3)), *placed])
-
-
 def link_points(model: RobotModel) -> dict[str, FloatArray]:
     """Return by link some vertices of its bodies, (N, 3) [m], in the link frame.
 
@@ -60,7 +54,7 @@ def link_points(model: RobotModel) -> dict[str, FloatArray]:
     points: dict[str, list[FloatArray]] = {}
     directions = fibonacci_directions(_KEPT)
     for body in model.link_geometries:
-        p_L = points_of_bodies([body])
+        p_L = points_of_bodies([body], body.link)
         if len(p_L) > _KEPT:
             p_L = p_L[np.unique(np.argmax(p_L @ directions.T, axis=0))]
         points.setdefault(body.link, []).append(p_L)
@@ -227,7 +221,9 @@ def _finger(
     chain = joints_to(model.joints, leaf)
     last = joint or chain[-1]
     solid = model.link_geometries if bodies is None else bodies
-    parts = [(body.link, points_of_bodies([body])) for body in solid if body.link in X_GL]
+    parts = [
+        (body.link, points_of_bodies([body], body.link)) for body in solid if body.link in X_GL
+    ]
     if not parts:
         raise InvalidHandError(f"the fingertip '{leaf}' must have a body; it has none")
     large = [np.ptp(p, axis=0).max() > _MARK for _, p in parts]
