@@ -1,4 +1,4 @@
-"""Capacity of a hand: grip forces, loads and accelerations within its efforts, and opening."""
+"""Capacity of a hand: grip forces, loads and accelerations within its efforts."""
 
 from __future__ import annotations
 
@@ -20,10 +20,6 @@ from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 EFFORT_FRACTION = 0.9
 """Fraction of the joint efforts for a squeeze: the springs need some to keep the posture."""
 
-# Postures sampled between the joints' limits; a fixed seed, as no result depends on the draw much.
-_POSTURES, _SEED = 4000, 0
-# Pads oppose each other if the cosine between their axes is below this (within 60 degrees).
-_OPPOSED = -0.5
 # Balance first, then the total, then evenness: each two orders of magnitude behind the last.
 _BALANCE_WEIGHT = 100.0
 _TOTAL_WEIGHT = 1.0
@@ -122,25 +118,6 @@ def largest_wrenches(
     ).wrenches(points, normals)
     wrenches = np.concatenate([model.wrenches(points, normals), push], axis=2)
     return wrenches * largest_forces(hand, X_OH, q, used, wrenches[..., :3])[..., None]
-
-
-def largest_opening(hand: Hand) -> float:
-    """Return the largest distance between two pads that face each other [m].
-
-    Over random postures between the joints' limits, and the pregrasps; a lower bound that is close
-    to the true value for few joints. 0 if no two pads ever face each other.
-    """
-    rng = np.random.default_rng(_SEED)
-    low, high = hand.lower, hand.upper
-    postures = low + (high - low) * rng.random((_POSTURES, len(low)))
-    postures = np.vstack([postures, low, high, *(list(hand.pregrasps.values()) or [low])])
-    centers = hand.pad_centers(np.eye(4), postures)  # (B, F, 3)
-    axes = hand.pad_axes(np.eye(4), postures)
-    between = centers[:, None] - centers[:, :, None]  # (B, F, F, 3), from the first pad
-    facing = np.einsum("bik,bjk->bij", axes, axes) < _OPPOSED
-    facing &= np.einsum("bik,bijk->bij", axes, between) > 0.0
-    lengths = np.linalg.norm(between, axis=-1)
-    return float(lengths[facing].max(initial=0.0))
 
 
 def narrowest_width(mesh: trimesh.Trimesh) -> float:

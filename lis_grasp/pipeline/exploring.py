@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trimesh
 from threadpoolctl import threadpool_limits
 
 from lis_grasp.exceptions import EstimationError, InvalidMeshError
 from lis_grasp.exploration import Exploration, ExplorationState, ProbeOutcome, TouchLog
 from lis_grasp.exploration.policy import POLICY_NAMES
-from lis_grasp.grasping.hand_capacity import largest_opening, narrowest_width
+from lis_grasp.grasping.hand_capacity import narrowest_width
 from lis_grasp.io import provenance
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.surface_files import remove_growth, save_growth
@@ -26,6 +27,8 @@ from lis_grasp.pipeline.results_folder import LOG, remove_made_from, results_fol
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.stages import make_prober, touch_steps
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_check import opening_range
 from lis_grasp.robots.shipped_models import HAND_REGISTRY, hand_path
 from lis_grasp.surfaces.carved_implicit_surface import above_table
 from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES
@@ -111,18 +114,23 @@ def explore_object(
 
 def say_object(scenario: Scenario, progress: Progress) -> None:
     """Report the repairs of the true object's mesh, and whether it is too wide for the hand."""
-    shape, hand = scenario.truth.shape, scenario.known.hand
-    for repair in shape.repairs:
+    for repair in scenario.truth.shape.repairs:
         progress.say(f"repaired: {repair}")
-    opening = largest_opening(hand)
-    if not 0.0 < opening < float(shape.mesh.extents.min()):  # the box bounds the width
+    say_width(scenario.truth.shape.mesh, scenario.known.hand, progress)
+
+
+def say_width(mesh: trimesh.Trimesh, hand: Hand, progress: Progress) -> None:
+    """Report whether a mesh is too wide for the hand."""
+    low, high = opening_range(hand)
+    if not 0.0 < high < float(mesh.extents.min()):  # the box bounds the width
         return
-    width = narrowest_width(shape.mesh)
-    if width > opening:
+    width = narrowest_width(mesh)
+    if width > high:
         progress.say(
-            f"warning: {shape.name} is {1e3 * width:.0f} mm wide where it is narrowest, and"
-            f" {hand.name} opens {1e3 * opening:.0f} mm: only a rim or a handle can be grasped;"
-            " check the units of the mesh (`units`), or take a smaller object"
+            f"warning: the object is {1e3 * width:.0f} mm wide where it is narrowest, and"
+            f" {hand.name} holds widths of {1e3 * low:.0f} to {1e3 * high:.0f} mm: only a rim or a"
+            " handle can be grasped; check the units of the mesh (`units`), or take a smaller"
+            " object"
         )
 
 

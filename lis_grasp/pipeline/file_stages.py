@@ -28,6 +28,7 @@ from lis_grasp.pipeline._stage_files import (
     write_surface,
 )
 from lis_grasp.pipeline.contact_sources import ContactSource, join_sources
+from lis_grasp.pipeline.exploring import say_width
 from lis_grasp.pipeline.known import Known, Perception, station_facts
 from lis_grasp.pipeline.lifting_stage import lift_each, require_simulator
 from lis_grasp.pipeline.option import HEIGHT, at_least, checked_value
@@ -173,6 +174,8 @@ def grasp_file(
     path = (path.parent if folder is None else folder) / "grasps.json"
     with result_file(path, progress) as temporary:
         search = write_grasps(temporary, known, mesh, facts, progress)
+    if not search.grasps:
+        say_width(mesh, hand, progress)
     return GraspedFile(path, search, mesh, known, config, recorded)
 
 

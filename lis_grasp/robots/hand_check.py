@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -23,6 +22,9 @@ _PARALLEL = 1e-9  # cosine between a line and a face's normal
 _ROUNDING = 1e-4  # of a position that is written with few digits [m]
 # Largest effort of a hand's joint: N m of one that turns, N of one that slides.
 _MOST_EFFORT = {"revolute": 100.0, "continuous": 100.0, "prismatic": 2000.0}
+# Postures sampled between the joints' limits; a fixed seed, as no result depends on the draw much.
+_POSTURES, _SEED = 4000, 0
+_OPPOSED = np.pi / 3  # largest angle between the axes of pads that face each other [rad]
 # Smallest useful lead of a probing tip over the rest of the hand [m].
 _LEAD = 0.02
 
@@ -133,27 +135,47 @@ def _pads(hand: Hand) -> Iterator[Finding]:
 
 
 def _opposition(hand: Hand) -> Iterator[Finding]:
-    gaps = []
-    for name, q in hand.pregrasps.items():
-        axes, centers = hand.pad_axes(np.eye(4), q), hand.pad_centers(np.eye(4), q)
-        for j, i in combinations(range(len(hand.pads)), 2):
-            apart = centers[j] - centers[i]
-            if axes[i] @ apart > 0.0 > axes[j] @ apart and axes[i] @ axes[j] < 0.0:
-                radii = hand.pads[i].radius + hand.pads[j].radius
-                gaps.append((float(np.linalg.norm(apart)) - radii, name))
-    if not gaps:
+    if not len(_facing_gaps(hand, np.array(list(hand.pregrasps.values())))):
         yield Finding(
             False,
             "no two pads face each other in any pregrasp, so nothing can be held between them:"
             " open the hand with a thumb opposite to the fingers",
         )
         return
-    low, high = min(gaps), max(gaps)
+    low, high = 1e3 * np.array(opening_range(hand))
     yield Finding(
-        True,
-        f"opened, pads that face each other are {1e3 * low[0]:.0f} mm ({low[1]}) to"
-        f" {1e3 * high[0]:.0f} mm ({high[1]}) apart: objects up to about that can be grasped",
+        True, f"pads face each other {low:.0f} to {high:.0f} mm apart: so wide is a grasp"
     )
+
+
+def opening_range(hand: Hand) -> tuple[float, float]:
+    """Return the least and the largest gap between two pads that face each other [m].
+
+    Over random postures between the joints' limits, and the pregrasps: bounds from within, close to
+    the true values for few joints. The least gap is that of a gripper, and 0 of other hands. Both
+    are 0 if no two pads ever face each other.
+    """
+    rng = np.random.default_rng(_SEED)
+    low, high = hand.lower, hand.upper
+    postures = low + (high - low) * rng.random((_POSTURES, len(low)))
+    gaps = _facing_gaps(hand, np.vstack([postures, low, high, *hand.pregrasps.values()]))
+    least = float(gaps.min()) if len(gaps) and hand.kind == "parallel_jaw" else 0.0
+    return least, float(gaps.max(initial=0.0))
+
+
+def _facing_gaps(hand: Hand, q: FloatArray) -> FloatArray:
+    """Return the gaps (K,) [m] between two pads that face each other, over postures (B, J).
+
+    Their axes are opposite up to both half angles, and at most `_OPPOSED`.
+    """
+    centers, axes = hand.pad_centers(np.eye(4), q), hand.pad_axes(np.eye(4), q)  # (B, F, 3)
+    between = centers[:, None] - centers[:, :, None]  # (B, F, F, 3), from the first pad
+    halves, radii = np.array([(pad.half_angle, pad.radius) for pad in hand.pads]).T
+    turned = np.minimum(halves[:, None] + halves, _OPPOSED)
+    facing = np.einsum("bik,bjk->bij", axes, axes) < -np.cos(turned)
+    facing &= np.einsum("bik,bijk->bij", axes, between) > 0.0
+    gaps = np.linalg.norm(between, axis=-1) - (radii[:, None] + radii)
+    return np.maximum(gaps[facing], 0.0)
 
 
 def _probe_postures(hand: Hand) -> Iterator[Finding]:

@@ -7,12 +7,13 @@ import pytest
 import trimesh
 
 from lis_grasp import shapes
-from lis_grasp.grasping.hand_capacity import largest_opening, narrowest_width
+from lis_grasp.grasping.hand_capacity import narrowest_width
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.lifting.outcome import Reason
 from lis_grasp.pipeline.reasons import LIFT_REASONS, REJECTIONS, lift_sentence
 from lis_grasp.pipeline.summary import exploration_lines, run_lines
 from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_check import opening_range
 
 
 def facts(**changed: Any) -> dict[str, Any]:
@@ -85,7 +86,7 @@ def test_without_a_grasp_the_most_frequent_rejection_is_named() -> None:
 
 def test_the_grippers_opening_is_its_stroke() -> None:
     # Two pads, each moved by up to 55 mm from the middle.
-    assert largest_opening(Hand.load("wsg50")) == pytest.approx(0.11)
+    assert opening_range(Hand.load("wsg50"))[1] == pytest.approx(0.11)
 
 
 def test_the_width_of_a_turned_plate_is_its_thickness() -> None:

@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,9 @@ import pytest
 from lis_grasp import Hand, lift, plan, shapes
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.geometry import apply_pose, rotate
+from lis_grasp.pipeline.exploring import say_width
 from lis_grasp.robots.draft.pipeline import draft_hand
+from lis_grasp.robots.hand_check import opening_range
 
 MASS = '<inertial><mass value="{0}"/><inertia ixx="{1}" iyy="{1}" izz="{1}"/></inertial>'
 BODY = '<collision><origin xyz="{0}"/><geometry><box size="{1}"/></geometry></collision>'
@@ -64,6 +67,25 @@ def test_the_pads_are_the_inner_faces_and_the_approach_ends_on_the_fixed_one(
     towards_object = rotate(np.linalg.inv(hand.X_LH), fixed.axis_L)
     assert 0.3 < hand.approach_H @ towards_object < 0.6
     assert hand.link_fingers == {"base": "base", "jaw": "jaw"}
+
+
+def test_the_hand_holds_widths_at_which_its_jaws_are_about_parallel(tmp_path: Path) -> None:
+    hand = drafted(one_jaw(tmp_path))
+    turned = sum(pad.half_angle for pad in hand.pads)  # of the jaw, whose face is parallel at 0.2
+    # The centre of the moving pad, about the joint at x = 0.031, z = 0.04.
+    radius = np.array([hand.pads[0].center_L[0], hand.pads[0].center_L[2]])
+    fixed = hand.pads[1].center_L[[0, 2]]
+    gaps = []
+    for angle in np.linspace(-turned, turned, 200):
+        c, s = np.cos(angle), np.sin(angle)
+        moving = np.array([0.031, 0.04]) + np.array([[c, s], [-s, c]]) @ radius
+        gaps.append(np.linalg.norm(moving - fixed))
+    np.testing.assert_allclose(opening_range(hand), (min(gaps), max(gaps)), atol=1e-4)
+    said: list[str] = []
+    say_width(shapes.find("box", size=0.12).mesh, hand, SimpleNamespace(say=said.append))
+    widths = f"{1e3 * min(gaps):.0f} to {1e3 * max(gaps):.0f} mm"
+    assert len(said) == 1
+    assert f"60 mm wide where it is narrowest, and one_jaw holds widths of {widths}" in said[0]
 
 
 def test_a_finger_with_nothing_opposite_is_refused_in_words(tmp_path: Path) -> None:
