@@ -22,6 +22,7 @@ GUIDES = (
     "robot-logs",
     "own-objects",
     "own-estimator",
+    "own-policy",
     "own-diagram",
     "arm",
     "real-robot",
