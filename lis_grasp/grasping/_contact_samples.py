@@ -29,6 +29,7 @@ SEARCH_RADIUS = 0.005
 """Largest distance of a contact from its nearest sample along the tangent plane [m]."""
 # A tangent plane's contact may be on a face whose normal has at least this cosine with the plane's.
 _SAME_SURFACE = np.cos(np.deg2rad(40.0))
+_ALONG = 1e-6  # least cosine between a line and the normal of a plane that it meets
 # Surface is not supported by touches if its uncertainty exceeds this many times the median, and
 # this much [m]: most of a flat object is its top, which is known far better than its low sides.
 _UNSUPPORTED, _UNCERTAIN = 3.0, 0.004
@@ -135,11 +136,11 @@ class SurfaceSamples:
     def intersect(self, p: FloatArray, direction: FloatArray, j: int) -> FloatArray:
         """Return where a line from p, shape (3,), meets the tangent plane of sample j.
 
-        On a bend, return the sample itself.
+        On a bend, or where the plane is along the line, return the sample itself.
         """
-        if not self.flat[j]:
-            return self.points[j]
         point, normal = self.points[j], self.normals[j]
+        if not self.flat[j] or direction @ normal < _ALONG:
+            return point
         return np.asarray(p + direction * (((point - p) @ normal) / (direction @ normal)))
 
     @staticmethod

@@ -13,6 +13,7 @@ from scipy.spatial import ConvexHull
 from lis_grasp.geometry import cross
 from lis_grasp.grasping._expanding_polytope import inscribed_ball_radii
 from lis_grasp.grasping.contact_wrenches import WrenchModel, cone_edges
+from lis_grasp.grasping.epsilon import ROBUST_FRACTION
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.object_mass import GRAVITY
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
@@ -118,6 +119,17 @@ def largest_wrenches(
     ).wrenches(points, normals)
     wrenches = np.concatenate([model.wrenches(points, normals), push], axis=2)
     return wrenches * largest_forces(hand, X_OH, q, used, wrenches[..., :3])[..., None]
+
+
+def least_pinched_height(hand: Hand, friction: float) -> float:
+    """Return the height of an object on a support below which a hand cannot pinch it [m].
+
+    A ball of radius r on the support touches an object of height h < r from above, at an elevation
+    whose sine is ``1 - h / r`` or more. At half the friction, all such contacts together push the
+    object down if its tangent exceeds ``friction / 2``. 0 for flat pads, which reach the support.
+    """
+    radius = min(pad.radius for pad in hand.pads)
+    return float(radius * (1.0 - np.sin(np.arctan(ROBUST_FRACTION * friction))))
 
 
 def narrowest_width(mesh: trimesh.Trimesh) -> float:

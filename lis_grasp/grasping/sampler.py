@@ -24,6 +24,7 @@ from lis_grasp.grasping._contact_samples import SurfaceSamples
 from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.grasps import GraspSearch, LoadPrior, Reach
+from lis_grasp.grasping.hand_capacity import least_pinched_height
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray, IndexArray, Seed
 
@@ -108,6 +109,7 @@ class ForceClosureSampler:
         """Return up to `count` ranked grasps, and the reasons why other candidates were rejected.
 
         Besides the reasons of `sample_contact_sets` and `CandidateFilter` there are
+        ``lower_than_fingertips``, before any is drawn: `least_pinched_height`;
         ``no_flat_supported_surface``: the mesh has no usable point; ``no_force_closure``; and
         ``outranked``: other grasps are better.
 
@@ -133,6 +135,11 @@ class ForceClosureSampler:
                 "grasps are planned on closed meshes; this one has open edges: repair it with"
                 " lis_grasp.shapes.load, or mesh an estimate with extract_mesh"
             )
+        if support_height is not None:
+            height = float(mesh.bounds[1, 2]) - support_height
+            if height < least_pinched_height(self.hand, self.prior.friction):
+                every = {"lower_than_fingertips": self.candidates}
+                return GraspSearch((), every, self.candidates)
         rng = np.random.default_rng(rng)
         lowest = -np.inf if support_height is None else support_height + _LOWEST_PAD
         radius = min(pad.radius for pad in self.hand.pads)

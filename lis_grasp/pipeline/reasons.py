@@ -44,6 +44,9 @@ LIFT_REASONS: Mapping[str, str] = MappingProxyType(
 
 REJECTIONS: Mapping[str, str] = MappingProxyType(
     {
+        "lower_than_fingertips": "the object is lower than this hand can pinch: its round"
+        " fingertips, on the table, would press on the upper edge from above; take a hand with"
+        " flat or thinner fingertips, or turn the object so that it is higher",
         "steep": "all reachable surface faces up or down, so that no opposed pair is beside the"
         " hand: the object is flat or low there, so turn its mesh to stand"
         " higher",

@@ -40,3 +40,10 @@ def test_projection_keeps_contacts_of_planes_and_does_not_cross_edges() -> None:
     there, normal = samples.project(beyond, up)
     assert np.linalg.norm(there - beyond) <= 0.002 + 1e-12
     assert normal[0] @ up[0] == pytest.approx(1.0)
+
+
+def test_a_line_along_a_plane_meets_it_at_its_sample() -> None:
+    samples = _samples(trimesh.creation.box((0.06, 0.05, 0.08)))
+    for j in (0, 100):
+        along = np.roll(samples.normals[j], 1)
+        np.testing.assert_array_equal(samples.intersect(np.zeros(3), along, j), samples.points[j])

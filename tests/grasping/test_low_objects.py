@@ -10,10 +10,14 @@ from lis_grasp import ForceClosureSampler, GraspSearch, Hand
 from lis_grasp.grasping._candidate_filter import fingertip_offsets
 from lis_grasp.grasping._contact_samples import SurfaceSamples
 from lis_grasp.grasping.contact_wrenches import inertial_metric, wrench_model
+from lis_grasp.grasping.epsilon import ROBUST_FRACTION
+from lis_grasp.grasping.force_closure import is_force_closure
 from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.grasps import Grasp, LoadPrior
+from lis_grasp.grasping.hand_capacity import least_pinched_height
 from lis_grasp.grasping.inverse_kinematics import solve_ik
+from lis_grasp.pipeline.reasons import no_grasp_sentence
 from lis_grasp.robots.collision import HandCollisionChecker
 
 ALLEGRO, JAW = Hand.load("allegro"), Hand.load("wsg50")
@@ -178,3 +182,27 @@ def test_the_wrench_model_multiplies_torques_by_the_metric() -> None:
         scaled = replace(model, torque_metric=metric).wrenches(points, normals)
         np.testing.assert_allclose(scaled[..., :3], plain[..., :3])
         np.testing.assert_allclose(scaled[..., 3:], plain[..., 3:] @ metric.T, atol=1e-12)
+
+
+@pytest.mark.parametrize(("factor", "closes"), [(0.97, False), (1.03, True)])
+def test_round_fingertips_close_on_upper_edges_only_above_the_least_height(
+    factor: float, closes: bool
+) -> None:
+    hand, friction = Hand.load("barrett"), 0.8
+    radius = hand.pads[0].radius
+    up = 1.0 - factor * least_pinched_height(hand, friction) / radius  # sine of the elevation
+    # Many contacts round a disc, balls on the support against its upper edge.
+    angles = 2.0 * np.pi * np.arange(24) / 24
+    around = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(24)])
+    normals = np.sqrt(1.0 - up**2) * around + [0.0, 0.0, up]
+    friction *= ROBUST_FRACTION
+    # Of 64 edges, the pyramid is within 0.2 % of the cone.
+    assert is_force_closure(0.05 * around, normals, friction=friction, edges=64) == closes
+
+
+def test_a_hand_with_thick_fingertips_is_told_that_an_object_is_too_flat() -> None:
+    hand, sheet = Hand.load("barrett"), _on_table(trimesh.creation.box((0.1, 0.03, 0.004)))
+    search = ForceClosureSampler(hand).sample(sheet, support_height=0.0)
+    assert list(search.rejections) == ["lower_than_fingertips"]
+    assert "round fingertips" in no_grasp_sentence(search.rejections)
+    assert least_pinched_height(JAW, 0.8) == 0.0
