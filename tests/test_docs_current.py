@@ -23,7 +23,7 @@ from lis_grasp.robots.shipped_models import READY_HANDS
 from lis_grasp.shapes import NAMES
 from lis_grasp.simulation.drake import dynamic_prober
 from lis_grasp.surfaces import ESTIMATORS
-from lis_grasp_studies.unknown_study.definition import study_objects
+from lis_grasp_studies.evaluation.grasp_parts import published_objects
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -206,7 +206,7 @@ _COUNTS: tuple[tuple[str, str, Callable[[], int]], ...] = (
     (
         "notebooks/05_does_a_better_surface_give_a_better_grasp.ipynb",
         r"published study \(`docs/results.md`\) has (\d+) objects",
-        lambda: len(study_objects()),
+        lambda: sum(map(len, published_objects().values())),
     ),
 )
 

@@ -20,11 +20,10 @@ from lis_grasp.io.optional_packages import require_packages
 
 if TYPE_CHECKING:
     from lis_grasp.io.json_lines import Row
-    from lis_grasp_studies.harness.runner import Scheduler
     from lis_grasp_studies.study.results import StudyResults
     from lis_grasp_studies.study.study import Study
 
-_LOG = logging.getLogger(__name__)
+_LOG = logging.getLogger("lis_grasp")
 
 HELP = "compare estimators by surface and grasp success in many trials, one report.html"
 EXAMPLES = (
@@ -59,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     from lis_grasp.cli import options as opt
     from lis_grasp_studies.harness.page import add_figures
-    from lis_grasp_studies.harness.program import add_estimator
+    from lis_grasp_studies.harness.program import add_estimator, add_scheduler
 
     parser.description = (
         "Run a study: objects x estimators x touches x noise x hands x seeds. Options"
@@ -91,10 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     opt.add_options(parser, "prober", "policy", "mass", "friction", show_default=False)
     add_figures(parser)
-    opt.add_jobs(parser)
-    parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="address of a Dask cluster, tcp://host:port"
-    )
+    add_scheduler(parser)
     parser.add_argument(
         "--report-only",
         action="store_true",
@@ -112,6 +108,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Run the missing trials, and write tables and report; or repeat one row."""
+    from lis_grasp_studies.harness.program import scheduler_of
     from lis_grasp_studies.harness.runner import run_trials
     from lis_grasp_studies.study.results import StudyResults
     from lis_grasp_studies.study.run import run_trial
@@ -126,7 +123,7 @@ def execute(options: argparse.Namespace) -> None:
     if options.rerun is not None:
         _rerun(results, options)
         return
-    scheduler = _scheduler(options)
+    scheduler = scheduler_of(options)
     study = Study.from_facts(_facts(options))
     if options.report_only:
         rows = results.alike(study)
@@ -221,16 +218,6 @@ def _study_file(options: argparse.Namespace) -> Path | None:
     if options.quick or not (options.report_only or options.rerun) or not own.is_file():
         return None
     return own
-
-
-def _scheduler(options: argparse.Namespace) -> Scheduler:
-    from lis_grasp_studies.harness.runner import DaskCluster, local_scheduler
-
-    if options.scheduler is None:
-        return local_scheduler(options.jobs)
-    if options.jobs is not None:
-        raise InvalidOptionError("--scheduler excludes --jobs", option="--scheduler")
-    return DaskCluster(options.scheduler)
 
 
 def _rerun(results: StudyResults, options: argparse.Namespace) -> None:

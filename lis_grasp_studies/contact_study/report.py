@@ -73,10 +73,11 @@ def write_contact_report(
     page += [f"## {table.title}\n\n{_note(table)}{table.markdown()}" for table in tables[:-1]]
     page.append(_worst(tables[-1]))
     write_text(folder / "surfaces.md", "\n".join(page))
-    return _chart(ratios, reference, others)
+    return family_chart(ratios, reference, others)
 
 
-def _chart(ratios: Sequence[ErrorRatio], reference: str, others: Sequence[str]) -> Picture:
+def family_chart(ratios: Sequence[ErrorRatio], reference: str, others: Sequence[str]) -> Picture:
+    """Return the chart of ratios by family."""
     values: dict[str, dict[str, list[float]]] = {name: {} for name in others}
     for ratio in ratios:
         if ratio.estimator in values:

@@ -49,6 +49,18 @@ class Picture:
 
         return cls(title, caption, png_of(figure), pdf_of(figure))
 
+    @property
+    def file_name(self) -> str:
+        """Name of its files, without suffix."""
+        return re.sub(r"\W+", "_", self.title.lower()).strip("_")
+
+    def save(self, folder: Path) -> None:
+        """Write the figure as PNG and PDF into a folder."""
+        folder.mkdir(parents=True, exist_ok=True)
+        for suffix, content in ((".png", self.png), (".pdf", self.pdf)):
+            with whole_file(folder / f"{self.file_name}{suffix}") as temporary:
+                temporary.write_bytes(content)
+
     def html(self) -> str:
         """Return the figure with its caption as HTML."""
         title, data = escape(self.title), base64.b64encode(self.png).decode()
@@ -72,12 +84,8 @@ def write_figures(folder: Path | None, pictures: Sequence[Picture]) -> None:
     """Write the pictures as PDF and PNG, named after their titles, and say so; None for nowhere."""
     if folder is None:
         return
-    folder.mkdir(parents=True, exist_ok=True)
     for picture in pictures:
-        name = re.sub(r"\W+", "_", picture.title.lower()).strip("_")
-        for suffix, content in ((".png", picture.png), (".pdf", picture.pdf)):
-            with whole_file(folder / f"{name}{suffix}") as temporary:
-                temporary.write_bytes(content)
+        picture.save(folder)
     say(f"wrote {len(pictures)} figures as .pdf and .png to {folder}")
 
 

@@ -6,6 +6,10 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
+from lis_grasp.cli import options as opt
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp_studies.harness.runner import DaskCluster, Scheduler, local_scheduler
+
 
 def read_options(
     description: str | None, arguments: Sequence[str] | None = None, /, **defaults: Any
@@ -58,3 +62,20 @@ def add_estimator(parser: argparse.ArgumentParser) -> None:
         help="an estimator to add to those compared, such as your own as my.module:Class; may be"
         " repeated",
     )
+
+
+def add_scheduler(parser: argparse.ArgumentParser) -> None:
+    """Add the number of processes, and the address of a cluster."""
+    opt.add_jobs(parser)
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="address of a Dask cluster, tcp://host:port"
+    )
+
+
+def scheduler_of(options: argparse.Namespace) -> Scheduler:
+    """Return the scheduler that the options of `add_scheduler` name."""
+    if options.scheduler is None:
+        return local_scheduler(options.jobs)
+    if options.jobs is not None:
+        raise InvalidOptionError("--scheduler excludes --jobs", option="--scheduler")
+    return DaskCluster(options.scheduler)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import logging
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, wait
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
+from itertools import islice
 from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -20,7 +21,7 @@ from lis_grasp.exceptions import EstimationError, InvalidOptionError, LisGraspEr
 from lis_grasp.io.json_lines import Row
 from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.pipeline.worker_pool import process_count, worker_pool
-from lis_grasp_studies.harness.rows import Job, TrialResults
+from lis_grasp_studies.harness.rows import Job
 
 Runner = Callable[[Job], list[Row]]
 Result = TypeVar("Result")
@@ -35,8 +36,10 @@ _ALONE = threading.Lock()
 class Scheduler(Protocol):
     """Runs jobs somewhere."""
 
-    def run(self, runner: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+    def run(self, runner: Callable[[Job], Result], jobs: Iterable[Job]) -> Iterator[Result]:
         """Yield the result of each job as soon as it is complete, in any order.
+
+        Jobs are taken when there is a process for them, so that results decide on later ones.
 
         Raises
         ------
@@ -50,7 +53,7 @@ class Scheduler(Protocol):
 class InProcess:
     """Runs jobs in this process, one after the other."""
 
-    def run(self, runner: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+    def run(self, runner: Callable[[Job], Result], jobs: Iterable[Job]) -> Iterator[Result]:
         """Yield the result of each job; see `Scheduler`."""
         return map(runner, jobs)
 
@@ -64,23 +67,22 @@ class LocalPool:
 
     processes: int
 
-    def run(self, runner: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+    def run(self, runner: Callable[[Job], Result], jobs: Iterable[Job]) -> Iterator[Result]:
         """Yield the result of each job; see `Scheduler`."""
-        left, suspects, unfinished = list(jobs), list[Job](), 0
-        while left:
+        left, suspects, unfinished = iter(jobs), list[Job](), 0
+        while True:
+            at_work: list[Job] = []
             try:
-                for job, result in self._run(runner, list(left)):
-                    left.remove(job)
-                    yield result
+                yield from self._run(runner, left, at_work)
+                break
             except BrokenProcessPool:
-                # One killed process breaks the pool. The jobs at work were the first of those left.
-                # One of them may be the cause: try them alone, so that no other job suffers.
-                suspects += left[: self.processes]
-                del left[: self.processes]
+                # One killed process breaks the pool. One of the jobs at work may be the cause: try
+                # them alone, so that no other job suffers.
+                suspects += at_work
         for job in suspects:
             for _ in range(_TRIES):
                 try:
-                    yield from (result for _, result in self._run(runner, [job]))
+                    yield from self._run(runner, iter([job]), [])
                 except BrokenProcessPool:
                     continue
                 break
@@ -90,14 +92,22 @@ class LocalPool:
             raise _unfinished(unfinished, _KILLED, "with fewer --jobs if memory ran out")
 
     def _run(
-        self, runner: Callable[[Job], Result], jobs: Sequence[Job]
-    ) -> Iterator[tuple[Job, Result]]:
-        with worker_pool(min(self.processes, len(jobs))) as pool:
-            pending = {pool.submit(runner, job): job for job in jobs}
-            while pending:
+        self, runner: Callable[[Job], Result], jobs: Iterator[Job], at_work: list[Job]
+    ) -> Iterator[Result]:
+        """Yield results; `at_work` has the jobs that are taken and have none."""
+        with worker_pool(self.processes) as pool:
+            pending: dict[Future[Result], Job] = {}
+            while True:
+                for job in islice(jobs, self.processes - len(pending)):
+                    at_work.append(job)
+                    pending[pool.submit(runner, job)] = job
+                if not pending:
+                    return
                 finished, _ = wait(pending, return_when=FIRST_COMPLETED)
                 for future in finished:
-                    yield pending.pop(future), future.result()
+                    result = future.result()
+                    at_work.remove(pending.pop(future))
+                    yield result
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +120,7 @@ class DaskCluster:
     address: str
     """Address of its scheduler, such as ``tcp://host:8786``."""
 
-    def run(self, runner: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+    def run(self, runner: Callable[[Job], Result], jobs: Iterable[Job]) -> Iterator[Result]:
         """Yield the result of each job; see `Scheduler`."""
         with needed_package("Dask", "study", option="scheduler"):
             import distributed
@@ -126,9 +136,16 @@ class DaskCluster:
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         with client:
             self._require_single_threads(client)
-            # Impure: a cluster that outlives a study must not return rows of older code.
-            futures = client.map(runner, jobs, pure=False)
-            for future in distributed.as_completed(futures):
+            waiting, left = distributed.as_completed(), iter(jobs)
+            while True:
+                if not lost:  # workers may join later
+                    room = max(len(client.nthreads()), 1) - waiting.count()
+                    for job in islice(left, max(room, 0)):
+                        # Impure: a cluster that outlives a study must not return older rows.
+                        waiting.add(client.submit(runner, job, pure=False))
+                if not waiting.count():
+                    break
+                future = next(waiting)
                 try:
                     yield future.result()
                 except distributed.KilledWorker:
@@ -138,7 +155,9 @@ class DaskCluster:
                 future.release()
         if lost:
             reason = f"{self.address} was lost"
-            raise _unfinished(killed + lost, reason, "when the scheduler runs again")
+            raise _unfinished(
+                killed + lost + sum(1 for _ in left), reason, "when the scheduler runs again"
+            )
         if killed:
             raise _unfinished(killed, _KILLED, "with workers of more memory if memory ran out")
 
@@ -206,10 +225,18 @@ def _rows_or_failure(runner: Runner, job: Job) -> list[Row] | _Failure:
         return _Failure(job, f"{name} in {job.trial}\n{traceback.format_exc()}", expected=False)
 
 
+class Results(Protocol):
+    """Receives rows, such as `TrialResults`."""
+
+    def append(self, rows: Sequence[Row]) -> None:
+        """Add the rows of a job."""
+        ...
+
+
 def run_trials(
-    jobs: Sequence[Job],
+    jobs: Iterable[Job],
     total: int,
-    results: TrialResults,
+    results: Results,
     scheduler: Scheduler,
     runner: Runner,
 ) -> Iterator[tuple[int, int]]:
@@ -220,9 +247,9 @@ def run_trials(
     Parameters
     ----------
     jobs
-        See `missing_jobs`.
+        See `missing_jobs`; an iterator may end early.
     total
-        Number of trials of the experiment, finished ones included.
+        Number of trials of the experiment, finished ones included; of an iterator, of its jobs.
     results
         Receives the rows of each finished job.
     scheduler, runner
@@ -236,7 +263,7 @@ def run_trials(
         If trials could not be finished, as when a file of theirs cannot be used any more, twice;
         all others are among the results.
     """
-    done = total - len(jobs)
+    done = total - len(jobs) if isinstance(jobs, Sequence) else 0
     yield done, total
     if not jobs:
         return

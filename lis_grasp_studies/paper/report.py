@@ -19,7 +19,7 @@ from lis_grasp_studies.paper import tables
 from lis_grasp_studies.paper.tables import experiment_table
 from lis_grasp_studies.paper.trials import NOISE_LEVELS
 
-_EXPERIMENTS = {
+TITLES = {
     "whole": "Fully explored objects",
     "half": "Half-explored objects",
     "few": "5 to 8 contacts",
@@ -27,6 +27,7 @@ _EXPERIMENTS = {
     "random": "As many contacts, drawn at random from the surface",
     "wedge": "Twelve contacts round an edge, all levels of noise",
 }
+"""Titles of the experiments."""
 
 _SHOWN = ("gpis", "lis", "blend")
 _UNDER_NOISE = (*_SHOWN, "gpis_thin_plate", "hermite_rbf")
@@ -56,12 +57,12 @@ def write_report(
     ]
     sections += [
         tables.claims_table(rows).section(),
-        tables.changes_table(rows, estimator, _EXPERIMENTS).section(),
+        tables.changes_table(rows, estimator, TITLES).section(),
         tables.exactness_table().section(),
     ]
     sections += ["<h2>Figures</h2>", *(picture.html() for picture in pictures)]
     present = {row["experiment"] for row in rows}
-    titles = {name: title for name, title in _EXPERIMENTS.items() if name in present}
+    titles = {name: title for name, title in TITLES.items() if name in present}
     shown = [tables.measures_table(rows, name, title) for name, title in titles.items()]
     for measure, what in (
         ("rmsd", "estimate to truth"),
@@ -109,7 +110,7 @@ def _charts_of_objects(rows: Sequence[Row]) -> list[Entry]:
         ("Figure 10", CHART_CAPTIONS[10], "edge_rmsd", "True edges to estimate"),
     )
     return [
-        (title, caption, partial(_bars, experiment_table(rows, "whole", measure), chart))
+        (title, caption, partial(object_bars, experiment_table(rows, "whole", measure), chart))
         for title, caption, measure, chart in entries
     ]
 
@@ -146,7 +147,7 @@ def _charts_of_bands(rows: Sequence[Row]) -> list[Entry]:
     ]
 
 
-def _bars(table: MeasureTable, title: str) -> Figure:
+def object_bars(table: MeasureTable, title: str) -> Figure:
     """Draw the values of the estimators shown, in mm; objects without any are left out."""
     values: dict[str, dict[str, list[float]]] = {
         estimator: {

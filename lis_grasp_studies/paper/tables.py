@@ -191,7 +191,7 @@ def failures_table(rows: Sequence[Row]) -> Table:
     body = tuple(
         (estimator_label(row["estimator"]), *(str(row[name]) for name in columns))
         for row in rows
-        if "failure" in row
+        if row.get("failure")
     )
     head = ("estimator", "experiment", "object", "seed", "reason")
     return Table("failures", "Estimates that failed", head, body)

@@ -34,7 +34,7 @@ from lis_grasp_studies.study.trial import (
 )
 
 _TYPES: dict[type, str] = {
-    int: "touches seed grasps contacts triangles grasps_found candidates",
+    int: "touches seed grasps attempts executed contacts triangles grasps_found candidates",
     bool: "edged watertight lifted held",
     str: "key object object_digest hand noise estimator prober explorer policy units"
     f" conditions version {MACHINE} contacts_digest rejections reason failure",
@@ -92,7 +92,7 @@ class StudyResults:
 
     def write_merged(self) -> Path:
         """Write all rows as one file, ``rows.parquet``, and return its path."""
-        arrow, parquet = _pyarrow()
+        arrow, parquet = pyarrow_modules()
         table = arrow.Table.from_pylist(self.read(), schema=_schema(arrow))
         with whole_file(self.merged) as temporary:
             parquet.write_table(table, temporary, compression="zstd")
@@ -185,7 +185,7 @@ class StudyResults:
         return [found[place] for place in sorted(found)]
 
     def _read_merged(self) -> list[Row]:
-        _, parquet = _pyarrow()
+        _, parquet = pyarrow_modules()
         try:
             # ParquetFile and not read_table: a file alone, no data set around it.
             file = parquet.ParquetFile(self.merged)
@@ -264,7 +264,8 @@ def _schema(arrow: ModuleType) -> Any:
     return arrow.schema([(name, types[column_type(name)]) for name in COLUMNS])
 
 
-def _pyarrow() -> tuple[ModuleType, ModuleType]:
+def pyarrow_modules() -> tuple[ModuleType, ModuleType]:
+    """Return pyarrow and its module for Parquet files."""
     with needed_package("pyarrow", "study"):
         import pyarrow
         from pyarrow import parquet

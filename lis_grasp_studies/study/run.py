@@ -26,6 +26,7 @@ from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io.json_lines import Row
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.known import Perception
+from lis_grasp.pipeline.regrasp import Stages, grasp_with_tactile_check
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.stages import Stopwatch
@@ -69,7 +70,7 @@ MACHINE = "versions"
 def run_trial(job: Job) -> list[Row]:
     """Return a row for each estimator of a job of a study's `Trial`."""
     with single_thread(DRAKE):
-        return list(_rows(job))
+        return list(rows_of(job))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,7 +122,8 @@ def scenario_at(
     return Scenario.from_config(config, shape, hand, recorded={"X_EO": X_EO})
 
 
-def _rows(job: Job) -> Iterator[Row]:
+def rows_of(job: Job) -> Iterator[Row]:
+    """Yield the rows of a job, as `run_trial` does, with as many threads as the caller permits."""
     # A file that cannot be read is an error of the study, not a result of its trials.
     trial = job.trial
     shape, hand = trial.find_object(), Hand.load(trial.hand)
@@ -147,6 +149,9 @@ def _fill(
         mesh = truth.mesh if estimator == TRUTH else estimate(trial, estimator, contacts)
     row |= {"triangles": len(mesh.faces), "watertight": bool(mesh.is_watertight)}
     row |= asdict(surface_error(mesh, truth, contacts, explored_radius=STEP_FRACTION * shape.size))
+    if trial.setup.attempts > 1:
+        row |= _grasp_by_touch(trial, estimator, touched, shape, hand)
+        return
     # The contacts have been used: grasps depend on the mesh, the object, the hand and the seed.
     task = replace(trial, touches=0, noise="")
     files = file_digests(trial.object, trial.hand)
@@ -156,6 +161,36 @@ def _fill(
     )
     row |= columns
     watch.seconds |= seconds
+
+
+@dataclass(frozen=True)
+class TrialStages(Stages):
+    """The stages of a trial with an estimator, for `grasp_with_tactile_check`."""
+
+    trial: Trial
+    estimator: str
+
+    def estimate(self, scenario: Scenario, contacts: Contacts) -> trimesh.Trimesh:
+        """Return the mesh of the estimate, or the true mesh where it is now."""
+        if self.estimator == TRUTH:
+            return scenario.truth.shape_now.mesh
+        return estimate(self.trial, self.estimator, contacts)
+
+
+def _grasp_by_touch(
+    trial: Trial, estimator: str, touched: Touched, shape: Shape, hand: Hand
+) -> Row:
+    """Return the columns of the last of several attempts."""
+    scenario = scenario_at(trial.run_config(hand=trial.hand), shape, hand, touched.X_EO)
+    stages = TrialStages(trial, estimator)
+    attempts = list(grasp_with_tactile_check(scenario, touched.contacts, stages))
+    last = attempts[-1]
+    row = _search_columns(last.search) | {"executed": sum(a.outcome is not None for a in attempts)}
+    if last.outcome is None:
+        return row
+    truth = last.scenario.truth.shape_now.mesh
+    grasp = last.search.grasps[last.rank]
+    return row | _quality_columns(grasp, truth, trial, hand) | _outcome_columns(last.outcome)
 
 
 def shape_at(shape: Shape, X_EO: FloatArray | None) -> Shape:
@@ -197,28 +232,39 @@ def _fill_grasp(row: Row, task: GraspTask, watch: Stopwatch) -> None:
     trial, shape, hand = task.trial, task.shape, task.hand
     with watch.measure("grasp"):
         search = plan(trial, task.mesh, shape, hand)
-    row |= {
+    row |= _search_columns(search)
+    if not search.grasps:
+        return
+    best = search.grasps[0]
+    row |= _quality_columns(best, shape_at(shape, task.X_EO).mesh, trial, hand)
+    with watch.measure("lift"):
+        outcome = lift(trial, best, shape, hand, task.X_EO)
+    row |= {"executed": 1} | _outcome_columns(outcome)
+
+
+def _search_columns(search: GraspSearch) -> Row:
+    return {
         "grasps_found": len(search.grasps),
         "candidates": search.candidates,
         "rejections": json.dumps(dict(search.rejections), sort_keys=True),
         "reason": NO_GRASP,
     }
-    if not search.grasps:
-        return
-    best = search.grasps[0]
+
+
+def _quality_columns(best: Grasp, truth: trimesh.Trimesh, trial: Trial, hand: Hand) -> Row:
     on_estimate = float(best.quality["epsilon"])
-    truth = shape_at(shape, task.X_EO).mesh
     on_truth = float(epsilon_on_truth(best, truth, hand, friction=trial.setup.friction))
-    row |= {
+    return {
         "epsilon_estimate": on_estimate,
         "epsilon_truth": on_truth,
         "epsilon_gap": on_estimate - on_truth,
         "closure_probability": float(best.quality["closure_probability"]),
         "success_probability": float(best.quality["success_probability"]),
     }
-    with watch.measure("lift"):
-        outcome = lift(trial, best, shape, hand, task.X_EO)
-    row |= {
+
+
+def _outcome_columns(outcome: LiftOutcome) -> Row:
+    return {
         "lifted": bool(outcome.lifted),
         "held": bool(outcome.held),
         "slip": float(outcome.slip),
@@ -233,9 +279,8 @@ class _Explored:
     """Progress of an exploration."""
 
     outcomes: tuple[ProbeOutcome, ...] = ()
-    touched: Touched | None = None
-    touches: int = 0
-    """Contacts requested so far."""
+    touched: dict[int, Touched] = field(default_factory=dict)
+    """By the number of contacts that were requested."""
     seconds: float = 0.0
 
 
@@ -246,19 +291,22 @@ def touch(trial: Trial, explorer: str) -> Touched:
     on the past only, so that the contacts of a smaller budget are the first ones of a larger.
     """
     files = file_digests(trial.object, trial.hand)
-    known = _explored(replace(trial, touches=1), explorer, files)
-    if known.touched is not None and known.touches == trial.touches:
-        return known.touched
-    start = time.perf_counter()
-    if known.touches > trial.touches:  # the order of a study is from small to large
+    start = replace(trial, touches=1, setup=replace(trial.setup, attempts=1))
+    known = _explored(start, explorer, files)
+    if trial.touches in known.touched:
+        return known.touched[trial.touches]
+    begun = time.perf_counter()
+    if trial.touches < max(known.touched, default=0):  # the order of a study is from small to large
         known.outcomes, known.seconds = (), 0.0
+        known.touched.clear()
     config = _with_noise(trial, estimator=explorer, touches=trial.touches)
     scenario = scenario_at(config, trial.find_object(), Hand.load(trial.hand))
     exploration = pipeline.touch(scenario, recorded=known.outcomes)
-    known.outcomes, known.touches = exploration.outcomes, trial.touches
-    known.seconds += time.perf_counter() - start
-    known.touched = Touched(exploration.contacts, exploration.simulated_pose, known.seconds)
-    return known.touched
+    known.outcomes = exploration.outcomes
+    known.seconds += time.perf_counter() - begun
+    touched = Touched(exploration.contacts, exploration.simulated_pose, known.seconds)
+    known.touched[trial.touches] = touched
+    return touched
 
 
 def _with_noise(trial: Trial, **more: Any) -> RunConfig:
@@ -275,7 +323,7 @@ def _explored(start: Trial, explorer: str, files: tuple[str, ...]) -> _Explored:
 
 COLUMNS = (
     *("key", "object", "object_digest", "edged", "hand", "touches", "noise", "seed", "estimator"),
-    *("held", "lifted", "reason", "slip", "turn", "acceleration_survived"),
+    *("held", "lifted", "reason", "executed", "slip", "turn", "acceleration_survived"),
     *("epsilon_estimate", "epsilon_truth", "epsilon_gap"),
     *("closure_probability", "success_probability"),
     *("grasps_found", "candidates", "rejections"),

@@ -1,17 +1,12 @@
-"""Lifts of the study's grasps in both simulators, Drake and MuJoCo.
+"""Lifts of grasps on unknown objects in both simulators, Drake and MuJoCo.
 
-``python -m lis_grasp_studies.unknown_study.simulators --meshes ycb`` continues where it stopped.
-
-Objects, conditions and estimators are the study's; 40 touches, the first seed of each hand. A grasp
-is planned once, and executed in both simulators. Where they disagree, it is lifted again with a
-tenth less and more mass and friction, and with the object half a millimetre aside along x and y.
+A grasp is planned once, and executed in both simulators.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,8 +18,7 @@ from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.figures.palette import estimator_label
 from lis_grasp_studies.harness.experiment import Experiment
-from lis_grasp_studies.harness.program import read_options
-from lis_grasp_studies.harness.tables import NONE, Column, Table, grouped_table, split, where
+from lis_grasp_studies.harness.tables import Column, Table, grouped_table, split, where
 from lis_grasp_studies.study.cells import difference
 from lis_grasp_studies.study.comparison import names, pairs_of
 from lis_grasp_studies.study.run import (
@@ -38,11 +32,7 @@ from lis_grasp_studies.study.run import (
     touch,
 )
 from lis_grasp_studies.study.trial import TRUTH, Trial, columns_of
-from lis_grasp_studies.unknown_study.definition import SEEDS, study_trials
 
-TOUCHES = 40
-ESTIMATORS = ("gpis", "blend", TRUTH)
-_ASIDE = 5e-4  # displacement of an object, to see whether an outcome is at a limit [m]
 _OUTCOME = ("held", "lifted", "reason", "slip", "turn")
 _LABELS = {"drake": "Drake", "mujoco": "MuJoCo"}
 _KEY = ("object", "hand", "seed", "estimator")
@@ -89,34 +79,8 @@ def lift_in_both(trial: Trial, estimator: str) -> list[Row]:
     return [{"simulator": name} | outcome for name, outcome in outcomes.items()]
 
 
-def lift_changed(trial: Trial, estimator: str) -> list[Row]:
-    """Return the outcome of a grasp in each simulator in slightly changed conditions."""
-    planned = plan_grasp(trial, estimator)
-    if planned is None:
-        return []
-    setup = trial.setup
-    changed = {
-        f"{name} x {factor}": (
-            replace(trial, setup=replace(setup, **{name: factor * getattr(setup, name)})),
-            planned,
-        )
-        for name in ("mass", "friction")
-        for factor in (0.9, 1.1)
-    }
-    for name, axis in (("x", 0), ("y", 1)):
-        X_EO = np.eye(4) if planned.X_EO is None else planned.X_EO.copy()
-        X_EO[axis, 3] += _ASIDE
-        changed[f"{name} + {1e3 * _ASIDE} mm"] = trial, replace(planned, X_EO=X_EO)
-    return [
-        {"change": change, "simulator": name} | grasp.lift(conditions, name)
-        for change, (conditions, grasp) in changed.items()
-        for name in SIMULATORS
-    ]
-
-
 BOTH = Experiment("simulators", lift_in_both, columns_of, modules=(DRAKE,))
-LIMITS = Experiment("limits", lift_changed, columns_of, modules=(DRAKE,))
-"""All grasps in both simulators; and again where these disagree."""
+"""All grasps in both simulators."""
 
 
 def held_table(rows: Sequence[Row]) -> Table:
@@ -164,25 +128,17 @@ def disagreements(rows: Sequence[Row]) -> dict[tuple, list[Row]]:
     return {key: lift for key, lift in lifts.items() if len({row["held"] for row in lift}) > 1}
 
 
-def disagreements_table(rows: Sequence[Row], changed: Sequence[Row]) -> Table:
-    """Return the grasps held in one simulator only, and how often they are held when changed."""
-    again = split(changed, *_KEY)
+def disagreements_table(rows: Sequence[Row]) -> Table:
+    """Return the grasps held in one simulator only."""
 
     def end(lift: Sequence[Row], simulator: str) -> str:
         (row,) = where(lift, simulator=simulator)
-        turn = f"{np.degrees(row.get('turn', 0.0)):.0f}°"
-        return f"{row['reason']}, {1e3 * row.get('slip', 0.0):.0f} mm, {turn}"
-
-    def held_again(lift: Sequence[Row], simulator: str) -> str:
-        key = tuple(lift[0][name] for name in _KEY)
-        held = [row["held"] for row in where(again.get(key, []), simulator=simulator)]
-        return f"{sum(held)} of {len(held)}" if held else NONE
+        turn = f"{np.degrees(row.get('turn') or 0.0):.0f}°"
+        return f"{row['reason']}, {1e3 * (row.get('slip') or 0.0):.0f} mm, {turn}"
 
     columns: list[Column] = [
-        ("Drake", lambda lift: end(lift, "drake")),
-        ("MuJoCo", lambda lift: end(lift, "mujoco")),
-        ("held when changed, Drake", lambda lift: held_again(lift, "drake")),
-        ("held when changed, MuJoCo", lambda lift: held_again(lift, "mujoco")),
+        (text, lambda lift, name=name: end(lift, name))  # type: ignore[misc]
+        for name, text in _LABELS.items()
     ]
     groups = {
         (name, f"`{hand}`", estimator_label(estimator)): lift
@@ -190,29 +146,3 @@ def disagreements_table(rows: Sequence[Row], changed: Sequence[Row]) -> Table:
     }
     title = "Held in one simulator only"
     return grouped_table("disagreements", title, "object | hand | planned on", groups, columns)
-
-
-def main() -> None:
-    """Run the trials that are missing, lift again where the simulators disagree; print tables."""
-    defaults = {"meshes": Path("ycb"), "hands": list(SEEDS), "jobs": 2}
-    options = read_options(__doc__, **defaults, output=Path("results/unknown"))
-    trials = [
-        trial
-        for hand in options.hands
-        for trial in study_trials(hand, SEEDS[hand][:1], TOUCHES, options.meshes)
-    ]
-    file = options.output / "simulators.jsonl"
-    rows = BOTH.complete(trials, ESTIMATORS, file, jobs=options.jobs)
-    print(held_table(rows).markdown(), difference_table(rows, "blend", "gpis").markdown())
-    changed: list[Row] = []
-    for estimator in ESTIMATORS:
-        places = {key[:3] for key in disagreements(rows) if key[3] == estimator}
-        facts = ((trial, columns_of(trial)) for trial in trials)
-        again = [trial for trial, row in facts if tuple(row[n] for n in _KEY[:3]) in places]
-        file = options.output / "limits.jsonl"
-        changed += LIMITS.complete(again, [estimator], file, jobs=options.jobs)
-    print(disagreements_table(rows, changed).markdown())
-
-
-if __name__ == "__main__":
-    main()

@@ -16,7 +16,7 @@ from lis_grasp_studies.harness.program import read_options
 from lis_grasp_studies.harness.tables import grouped_table, mean_cell, split, where
 from lis_grasp_studies.paper.trials import PAPER
 from lis_grasp_studies.unknown_study.parts import PARTS
-from lis_grasp_studies.unknown_study.simulators import BOTH, LIMITS
+from lis_grasp_studies.unknown_study.simulators import BOTH
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def test_a_variant_whose_source_changed_is_measured_again(tmp_path: Path) -> Non
     assert len(file.read_text().splitlines()) == 3
 
 
-@pytest.mark.parametrize("experiment", [PAPER, SURFACES, PARTS, BOTH, LIMITS])
+@pytest.mark.parametrize("experiment", [PAPER, SURFACES, PARTS, BOTH])
 def test_other_processes_can_run_every_experiment(experiment: Experiment) -> None:
     assert pickle.loads(pickle.dumps(experiment.run)).__self__ == experiment  # noqa: S301
 

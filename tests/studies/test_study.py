@@ -679,7 +679,7 @@ def rows(job):
     import lis_grasp.simulation.drake.lift, lis_grasp.probing.kinematic_prober
     yield {library["filepath"]: library["num_threads"] for library in threadpool_info()}
 
-trial._rows = rows
+trial.rows_of = rows
 print(max(trial.run_trial(None)[0].values()))
 """
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "2")
@@ -705,7 +705,7 @@ def test_jobs_of_one_process_run_one_at_a_time(monkeypatch: pytest.MonkeyPatch) 
         at_work.pop()
         yield {}
 
-    monkeypatch.setattr(trial_module, "_rows", rows)
+    monkeypatch.setattr(trial_module, "rows_of", rows)
     job = Job(SMALL.trials()[0], ("gpis",))
     with ThreadPoolExecutor(3) as pool:
         list(pool.map(run_trial, [job] * 3))

@@ -1,0 +1,147 @@
+"""`lis-grasp evaluate`: every published number, measured from one configuration file."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lis_grasp.cli.progress import Stage, say
+from lis_grasp.exceptions import EstimationError, InvalidOptionError
+from lis_grasp.io.folder_lock import sole_writer
+from lis_grasp.io.optional_packages import require_packages
+from lis_grasp_studies.harness.program import add_scheduler, scheduler_of
+
+if TYPE_CHECKING:
+    from lis_grasp_studies.evaluation.configuration import Configuration
+    from lis_grasp_studies.evaluation.results import EvaluationResults
+
+HELP = "measure every published number from one file; one page of results"
+EXAMPLES = (
+    ("--quick", "every table, from few objects: a quarter of an hour on two cores"),
+    ("--hours 3", "the most important numbers first; run again, it continues"),
+)
+
+_OUTPUT = Path("results/evaluate")
+_LONG = 1e6  # [s] of no use to show
+_LOG = logging.getLogger("lis_grasp")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments to its parser."""
+    from lis_grasp.cli import options as opt
+
+    parser.description = (
+        "Measure what the results page says: the paper's experiments, surfaces, lies, explorations,"
+        " grasps in both simulators, arms and times. Seeds come in rounds, in a round the parts in"
+        " the order of the file. Run again, it continues with what is missing. Needs the extra"
+        " study."
+    )
+    parser.add_argument(
+        "config",
+        nargs="?",
+        type=Path,
+        metavar="CONFIG.yaml",
+        help="what to measure (default: the published numbers, half a day on two cores)",
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="every table, from few objects and seeds"
+    )
+    parser.add_argument(
+        "--hours", type=float, metavar="H", help="end before a trial that would take longer"
+    )
+    parser.add_argument("--parts", nargs="+", metavar="NAME", help="parts (default: all)")
+    parser.add_argument(
+        "--meshes", type=Path, metavar="FOLDER", help="folder of the scans (default: none of them)"
+    )
+    parser.add_argument(
+        "--earlier",
+        type=Path,
+        metavar="ROWS.parquet",
+        help="rows of the study by an earlier version, to compare with trial by trial",
+    )
+    parser.add_argument(
+        "--beside",
+        type=Path,
+        metavar="FOLDER",
+        help="source of another version, whose commands are timed in turns with this one's",
+    )
+    parser.add_argument(
+        "--report-only", action="store_true", help="measure nothing: report on the rows there are"
+    )
+    add_scheduler(parser)
+    opt.add_output(parser, str(_OUTPUT))
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Measure what is missing, store the rows and write the page."""
+    from lis_grasp_studies.evaluation.configuration import SHIPPED, Configuration
+    from lis_grasp_studies.evaluation.page import write_results
+    from lis_grasp_studies.evaluation.results import EvaluationResults, read_parquet
+
+    require_packages("pyarrow", "statsmodels", extra="study", option="evaluate")
+    if options.quick and options.config is not None:
+        raise InvalidOptionError("--quick excludes a configuration", option="--quick")
+    path = options.config or SHIPPED / ("quick.yaml" if options.quick else "published.yaml")
+    configuration = Configuration.load(path, options.parts)
+    earlier = read_parquet(options.earlier) if options.earlier else []
+    output: Path = options.output or _OUTPUT
+    options.until_end.enter_context(sole_writer(output))
+    results = EvaluationResults(output)
+    failure = None if options.report_only else _measure(configuration, results, options)
+    rows = results.read(any_version=options.report_only)
+    if not rows:
+        raise failure or InvalidOptionError(
+            f"a report needs rows; {output} has none", option="--report-only"
+        )
+    with Stage("Reporting") as stage:
+        results.write_parquet(configuration.ordered(rows))
+        write_results(output, configuration, rows, command=_command(options), earlier=earlier)
+        stage.result = f"{len(rows)} rows"
+    say(f"wrote {output}/results.md, report.html, numbers.json, and folders rows, tables, charts")
+    say(f"next: open {output}/report.html in a browser")
+    if failure is not None:
+        raise failure
+
+
+def _measure(
+    configuration: Configuration, results: EvaluationResults, options: argparse.Namespace
+) -> EstimationError | None:
+    """Measure what is missing; return the error of trials that failed, after all others."""
+    from lis_grasp_studies.evaluation.part import Places
+    from lis_grasp_studies.evaluation.results import Evaluation
+
+    hours = options.hours
+    if hours is not None and not hours > 0.0:
+        raise InvalidOptionError.out_of_range("--hours", hours, "above 0")
+    for name, needed in (("meshes", "."), ("beside", "lis_grasp")):
+        folder = getattr(options, name)
+        if folder is not None and not (folder / needed).is_dir():
+            what = "a folder" if needed == "." else f"a folder that has {needed}/"
+            raise InvalidOptionError.out_of_range(f"--{name}", folder, what)
+    places = Places(*(p and p.absolute() for p in (options.meshes, options.beside)))
+    evaluation = Evaluation(configuration, places, results, scheduler_of(options), hours)
+    with Stage("Measuring") as stage:
+        try:
+            for done, total, seconds in evaluation.run():
+                minutes = f"{seconds / 60.0:.0f} minutes left" if seconds < _LONG else ""
+                _LOG.info("%d of %d trials %s", done, total, minutes)
+                stage.result = f"{done} of {total} trials"
+        except EstimationError as error:
+            return error
+    return None
+
+
+def _command(options: argparse.Namespace) -> str:
+    """Return the command with the options that decide on its rows."""
+    words = ["lis-grasp", "evaluate", *([str(options.config)] if options.config else [])]
+    words += ["--quick"] if options.quick else []
+    words += ["--hours", f"{options.hours:g}"] if options.hours else []
+    words += ["--parts", *options.parts] if options.parts else []
+    for name in ("meshes", "beside", "earlier"):
+        value = getattr(options, name)
+        words += [f"--{name}", value.name] if value else []
+    return shlex.join(words)

@@ -1,0 +1,1 @@
+"""Evaluation: every published number of a version, from one configuration file."""

@@ -1,0 +1,148 @@
+"""Configuration of an evaluation: its parts, their order, and the jobs of all rounds of seeds."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from lis_grasp.exceptions import InvalidOptionError, LisGraspError
+from lis_grasp.io.json_lines import Row
+from lis_grasp.io.schemas import checked
+from lis_grasp.io.yaml_files import read_yaml
+from lis_grasp.robots.hand import Hand
+from lis_grasp_studies.evaluation.part import Places, is_mesh
+from lis_grasp_studies.evaluation.parts import KINDS, AnyPart
+from lis_grasp_studies.harness.rows import Job
+
+SHIPPED = Path(__file__).parent
+"""Folder of the shipped configurations, ``published.yaml`` and ``quick.yaml``."""
+
+
+class Configuration(BaseModel):
+    """The parts of an evaluation by name, the most important first."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    parts: dict[str, Annotated[AnyPart, Field(discriminator="measure")]] = Field(min_length=1)
+
+    @classmethod
+    def load(cls, path: Path, names: Sequence[str] | None = None) -> Configuration:
+        """Return the configuration in a YAML file, or some of its parts.
+
+        The key ``shared`` is for lists that several parts refer to.
+
+        Raises
+        ------
+        InvalidFileError
+            If the file cannot be read, or a value is not permitted; the message names it.
+        InvalidOptionError
+            If there is no part of a name.
+        """
+        content = read_yaml(path)
+        if isinstance(content, dict):
+            content.pop("shared", None)
+        known = checked(cls, content, path, "configuration")
+        for name in names or ():
+            if name not in known.parts:
+                raise InvalidOptionError.not_one_of("--parts", name, tuple(known.parts))
+        chosen = {
+            name: part for name, part in known.parts.items() if name in (names or known.parts)
+        }
+        return cls.model_construct(parts=chosen)
+
+    def jobs(self, places: Places | None) -> Iterator[Job]:
+        """Yield every job: rounds of seeds, in a round the parts in order of their importance.
+
+        What cannot be run is left out: mesh files that are nowhere, hands whose models are not
+        installed, another version without a folder. Without places, nothing is.
+        """
+        for number in range(max(part.rounds for part in self.parts.values())):
+            for name, part in self.parts.items():
+                for trial in part.round(number, places or Places()):
+                    variants = tuple(part.variants)
+                    if places is not None:
+                        variants = _runnable(variants, _facts(part, trial), places)
+                    if variants:
+                        yield Job(PartTrial(name, part.measure, trial), variants)
+
+    def missing(self, places: Places | None, rows: Sequence[Row]) -> list[Job]:
+        """Return the jobs that lack rows, with the variants that they lack."""
+        known = {self._key_of(row) for row in rows if row["part"] in self.parts}
+        return [
+            Job(job.trial, variants)
+            for job in self.jobs(places)
+            if (variants := tuple(v for v in job.variants if job.trial.key(v) not in known))
+        ]
+
+    def ordered(self, rows: Sequence[Row]) -> dict[str, list[Row]]:
+        """Return the rows of each part in the order of its trials, without all others."""
+        found = {name: list[tuple[int, Row]]() for name in self.parts}
+        places = {}
+        for name, part in self.parts.items():
+            trials = [t for k in range(part.rounds) for t in part.round(k, Places())]
+            keys = (PartTrial(name, part.measure, t).key(v) for t in trials for v in part.variants)
+            places[name] = {key: place for place, key in enumerate(keys)}
+        for row in rows:
+            name = row["part"]
+            place = places.get(name, {}).get(self._key_of(row) if name in places else ())
+            if place is not None:
+                found[name].append((place, row))
+        return {
+            name: [row for _, row in sorted(part, key=lambda pair: pair[0])]
+            for name, part in found.items()
+        }
+
+    def _key_of(self, row: Row) -> tuple[Any, ...]:
+        part = self.parts[row["part"]]
+        names = _facts(part, next(part.round(0, Places())))
+        values = (row.get(name) for name in (*names, part.experiment.variant))
+        return row["part"], *values, row.get("source") or ""
+
+
+def _runnable(variants: tuple[str, ...], facts: Row, places: Places) -> tuple[str, ...]:
+    """Return the variants of a trial that can be run."""
+    if not places.meshes and any(map(is_mesh, facts.values())):
+        return ()
+    if not _is_installed(facts.get("hand")):
+        return ()
+    return tuple(name for name in variants if name != "beside" or places.beside)
+
+
+@lru_cache
+def _is_installed(hand: str | None) -> bool:
+    try:
+        return hand is None or bool(Hand.load(hand))
+    except LisGraspError:
+        return False
+
+
+def _facts(part: Any, trial: Any) -> Row:
+    facts: Row = part.experiment.facts(trial)
+    return facts
+
+
+@dataclass(frozen=True, slots=True)
+class PartTrial:
+    """A trial of a part."""
+
+    part: str
+    measure: str
+    trial: Any
+
+    def key(self, variant: str) -> tuple[Any, ...]:
+        """Return the key of the rows of a variant."""
+        return self.part, *KINDS[self.measure].experiment.key(self.trial, variant)
+
+
+def measure_part(job: Job) -> list[Row]:
+    """Return the rows of a job of a `PartTrial`, with the part and the time of the job [s]."""
+    start = time.perf_counter()
+    rows = KINDS[job.trial.measure].experiment.run(Job(job.trial.trial, job.variants))
+    cost = {"part": job.trial.part, "job_seconds": time.perf_counter() - start}
+    return [row | cost for row in rows]

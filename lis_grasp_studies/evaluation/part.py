@@ -1,0 +1,116 @@
+"""A part of an evaluation: an experiment, its trials by rounds of seeds, tables and numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from lis_grasp.io.json_lines import Row
+from lis_grasp.shapes import FORMATS
+from lis_grasp_studies.harness.experiment import Experiment
+from lis_grasp_studies.harness.page import Picture
+from lis_grasp_studies.harness.tables import Table
+
+Groups = Mapping[Any, Sequence[str]]
+"""Objects by their groups, such as families."""
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """Folders that a configuration does not name."""
+
+    meshes: Path | None = None
+    """Of the mesh files, such as scans."""
+    beside: Path | None = None
+    """Of another version of the package, whose commands are timed in turns with this one's."""
+
+    def of(self, name: str) -> str:
+        """Return the place of an object: its name, or the path of its mesh file."""
+        return str(self.meshes / name) if self.meshes and is_mesh(name) else name
+
+
+def is_mesh(name: Any) -> bool:
+    """Return whether a value names a mesh file."""
+    return Path(str(name)).suffix.lower() in FORMATS
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A question of the results page, its answer, and the numbers in it by their names."""
+
+    question: str
+    answer: str
+    numbers: dict[str, float]
+
+
+class Part(BaseModel):
+    """What all parts have."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    title: str
+    variants: list[str] = Field(min_length=1)
+    seconds: float = Field(gt=0.0)
+    """Expected time of a job on one core, for all variants, until there are rows [s]."""
+
+    experiment: ClassVar[Experiment]
+
+    @property
+    def rounds(self) -> int:
+        """Number of rounds of seeds."""
+        raise NotImplementedError
+
+    def round(self, number: int, places: Places) -> Iterator[Any]:
+        """Yield the trials of a round; none after the last."""
+        raise NotImplementedError
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """Return the tables of some rows, losses first."""
+        raise NotImplementedError
+
+    def pictures(self, rows: Sequence[Row]) -> list[Picture]:
+        """Return the charts of some rows."""
+        return []
+
+    def answers(self, rows: Sequence[Row]) -> list[Answer]:
+        """Return the numbers of some rows that are published first."""
+        return []
+
+
+class SeedsPart(Part):
+    """A part whose rounds have one seed each."""
+
+    seeds: list[int] = Field(min_length=1)
+
+    @property
+    def rounds(self) -> int:
+        """Number of rounds of seeds."""
+        return len(self.seeds)
+
+    def round(self, number: int, places: Places) -> Iterator[Any]:
+        """Yield the trials of a round; none after the last."""
+        for seed in self.seeds[number : number + 1]:
+            yield from self.trials(seed, places)
+
+    def trials(self, seed: int, places: Places) -> Iterator[Any]:
+        """Yield the trials of a seed."""
+        raise NotImplementedError
+
+
+def interleaved(groups: Groups) -> list[tuple[str, str]]:
+    """Return groups and members so that each beginning has of each group about its fraction."""
+    places = [
+        ((k + 0.5) / len(members), group, name)
+        for group, members in groups.items()
+        for k, name in enumerate(members)
+    ]
+    return [(group, name) for _, group, name in sorted(places, key=lambda place: place[0])]
+
+
+def group_of(groups: Groups) -> dict[str, str]:
+    """Return the group of each member, by the names in rows."""
+    return {name: group for group, members in groups.items() for name in members}

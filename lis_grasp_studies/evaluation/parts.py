@@ -1,0 +1,380 @@
+"""Parts without lifts, all parts by the name of what they measure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from lis_grasp.io.json_lines import Row
+from lis_grasp_studies.contact_study.contact_sets import CASES
+from lis_grasp_studies.contact_study.lie_tables import lie_tables
+from lis_grasp_studies.contact_study.lies import DRAWS, EXPERIMENT, HARD, LieTrial
+from lis_grasp_studies.contact_study.report import family_chart
+from lis_grasp_studies.contact_study.score import SURFACES, TRUTH, Box, surface_trials
+from lis_grasp_studies.contact_study.tables import (
+    LOSS,
+    MEASURES,
+    WORST,
+    by_family_table,
+    calibration_table,
+    error_ratios,
+    error_table,
+    losses_table,
+    summarise,
+)
+from lis_grasp_studies.evaluation.commands import (
+    BESIDE,
+    COMMANDS,
+    FITS,
+    SERVICE,
+    THIS,
+    CommandTrial,
+    FitTrial,
+    ServiceTrial,
+)
+from lis_grasp_studies.evaluation.exploration import EXPLORATION, ExplorationTrial
+from lis_grasp_studies.evaluation.grasp_parts import (
+    ALL,
+    REFERENCE,
+    SUBJECT,
+    AblationPart,
+    GraspsPart,
+    SimulatorsPart,
+)
+from lis_grasp_studies.evaluation.part import Answer, Part, Places, SeedsPart, group_of, interleaved
+from lis_grasp_studies.figures.palette import estimator_label
+from lis_grasp_studies.harness.experiment import Experiment
+from lis_grasp_studies.harness.page import Picture
+from lis_grasp_studies.harness.statistics import rate_with_interval
+from lis_grasp_studies.harness.tables import (
+    NONE,
+    Column,
+    Table,
+    grouped_table,
+    mean_cell,
+    median_cell,
+    split,
+    values_of,
+    where,
+)
+from lis_grasp_studies.paper.report import TITLES, object_bars
+from lis_grasp_studies.paper.tables import changes_table, claims_table, experiment_table
+from lis_grasp_studies.paper.trials import PAPER, PaperExperiment, paper_trials
+from lis_grasp_studies.test_objects.shape_sets import EVALUATION
+
+_ERRORS = ("rmsd", "rmsd_truth_to_estimate", "edge_rmsd")
+
+
+class PaperPart(SeedsPart):
+    """The paper's experiments on built-in objects."""
+
+    measure: Literal["paper"]
+    experiments: list[PaperExperiment]
+    experiment: ClassVar[Experiment] = PAPER
+
+    def trials(self, seed: int, places: Places) -> Iterator[Any]:
+        """Yield the trials of a seed."""
+        trials = paper_trials(self.experiments, 1)
+        yield from (replace(trial, seed=seed) for trial in trials)
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """Return the losses to GPIS, mean errors and the claims of the paper."""
+        titles: dict[str, str] = {name: TITLES[name] for name in self.experiments}
+        claims = [claims_table(rows)] if {"whole", "wedge"} <= set(self.experiments) else []
+        return [changes_table(rows, SUBJECT, titles), errors_table(rows), *claims]
+
+    def pictures(self, rows: Sequence[Row]) -> list[Picture]:
+        """Return the chart of errors at edges."""
+        caption = "From true edges to the estimate, fully explored objects of 20 cm."
+        table = experiment_table(rows, "whole", "edge_rmsd")
+        return [Picture.of("Edges", caption, object_bars(table, "True edges to estimate"))]
+
+    def answers(self, rows: Sequence[Row]) -> list[Answer]:
+        """Return the errors at edges [mm]."""
+        table = experiment_table(rows, "whole", "edge_rmsd")
+        found = {name: 1e3 * table.overall(name) for name in table.estimators}
+        text = ", ".join(f"{value:.1f} mm ({estimator_label(n)})" for n, value in found.items())
+        return [Answer("How far are sharp edges from the estimate?", text, found)]
+
+
+def errors_table(rows: Sequence[Row]) -> Table:
+    """Return mean errors [mm] of estimators (lines) in experiments (columns)."""
+    names = list(dict.fromkeys(row["experiment"] for row in rows))
+
+    def cell(estimator: str, experiment: str) -> str:
+        tables = (experiment_table(rows, experiment, measure) for measure in _ERRORS)
+        return " / ".join(f"{1e3 * table.overall(estimator):.1f}" for table in tables)
+
+    body = tuple(
+        (estimator_label(name), *(cell(name, experiment) for experiment in names))
+        for name in dict.fromkeys(row["estimator"] for row in rows)
+    )
+    title = "Errors in mm: estimate to truth / truth to estimate / true edges to estimate"
+    return Table("errors", title, ("estimator", *names), body)
+
+
+class SurfacesPart(SeedsPart):
+    """Surfaces of objects that nothing was chosen on, from all kinds of contacts."""
+
+    measure: Literal["surfaces"]
+    scans: list[str]
+    part: int = Field(ge=1, le=len(CASES))
+    box: Box
+    experiment: ClassVar[Experiment] = SURFACES
+
+    def trials(self, seed: int, places: Places) -> Iterator[Any]:
+        """Yield the trials of a seed; each object meets one case of `part`."""
+        names = [*(n for _, n in interleaved(EVALUATION)), *map(places.of, self.scans)]
+        trials = surface_trials(names, CASES, part=self.part, seeds=1, box=self.box)
+        yield from (replace(trial, seed=seed) for trial in trials)
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """Return the losses, the ratios by family, errors and calibration."""
+        ratios = [r for r in error_ratios(rows, REFERENCE) if r.estimator != TRUTH]
+        lost, families = losses_table(ratios, SUBJECT), by_family_table(ratios, SUBJECT)
+        large = tuple(line for line in lost.body if max(map(float, line[4:6])) > WORST)
+        whole = tuple(line for line in families.body if line[1] == ALL)
+        names = [name for name in self.variants if name != TRUTH]
+        return [
+            replace(lost, title=f"{lost.title}, above {WORST}", body=large),
+            replace(families, body=whole),
+            error_table(rows, self.variants),
+            calibration_table(rows, names),
+        ]
+
+    def pictures(self, rows: Sequence[Row]) -> list[Picture]:
+        """Return the chart of ratios by family."""
+        ratios = error_ratios(rows, REFERENCE)
+        others = [name for name in self.variants if name not in (TRUTH, REFERENCE)]
+        return [family_chart(ratios, REFERENCE, others)]
+
+    def answers(self, rows: Sequence[Row]) -> list[Answer]:
+        """Return the geometric means of both ratios."""
+        ratios = [r for r in error_ratios(rows, REFERENCE) if r.estimator == SUBJECT]
+        both = {name: summarise(ratios, name) for name in MEASURES}
+        texts = [f"{mean.text()} {name.replace('_', ' ')}" for name, mean in both.items()]
+        lost = sum(ratio.worst > LOSS for ratio in ratios)
+        text = f"times that of GPIS: {', '.join(texts)}; larger in {lost} of {len(ratios)} sets"
+        question = "How large is the error of blend on other objects, with any contacts?"
+        return [Answer(question, text, {name: mean.mean for name, mean in both.items()})]
+
+
+class LiesPart(SeedsPart):
+    """Contacts that lie, on objects that nothing was chosen on."""
+
+    measure: Literal["lies"]
+    part: int = Field(ge=1)
+    fits: bool
+    experiment: ClassVar[Experiment] = EXPERIMENT
+
+    def trials(self, seed: int, places: Places) -> Iterator[Any]:
+        """Yield the trials of a seed; each object meets one draw of `part`."""
+        for i, (_, name) in enumerate(interleaved(EVALUATION)):
+            for j, draw in enumerate(DRAWS):
+                if (i + j) % self.part == 0 and not (self.fits and draw in HARD):
+                    yield LieTrial(name, *draw, seed, int(self.fits))
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """Return what is found, by family and by kind of lie."""
+        return lie_tables(rows)
+
+
+class ExplorationPart(SeedsPart):
+    """Coverage, ends and errors after some touches, by policy."""
+
+    measure: Literal["exploration"]
+    objects: dict[str, list[str]]
+    touches: str
+    experiment: ClassVar[Experiment] = EXPLORATION
+
+    def trials(self, seed: int, places: Places) -> Iterator[Any]:
+        """Yield the trials of a seed."""
+        for _, name in interleaved(self.objects):
+            yield ExplorationTrial(name, seed, self.touches)
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """Return the measures of each policy, by group of objects and number of touches."""
+        group = group_of(self.objects)
+        rows = [row | {"group": group[row["object"]]} for row in rows]
+        columns: list[Column] = [
+            ("runs", _count),
+            ("surface covered", mean_cell("coverage", digits=2)),
+            ("end [mm], median", median_cell("end", 1e3)),
+            ("ends > 20 mm off [%]", mean_cell("far_off", 100.0, 0)),
+            ("truth to estimate [mm]", mean_cell("rmsd_truth_to_estimate", 1e3)),
+            ("estimate to truth [mm]", mean_cell("rmsd", 1e3)),
+            ("probes", mean_cell("probes")),
+            ("robot [s]", mean_cell("seconds")),
+        ]
+        groups = split(rows, "group", "count", "policy")
+        title = "What is known after some touches"
+        return [grouped_table("policies", title, "objects | touches | policy", groups, columns)]
+
+
+class CommandsPart(SeedsPart):
+    """Commands in processes of their own: what runs achieve, and what commands cost."""
+
+    measure: Literal["commands"]
+    commands: dict[str, str]
+    """Command lines by their names; see `CommandTrial`."""
+    objects: list[str]
+    experiment: ClassVar[Experiment] = COMMANDS
+
+    def trials(self, seed: int, places: Places) -> Iterator[Any]:
+        """Yield the trials of a seed."""
+        beside = str(places.beside or "")
+        for name in self.objects:
+            for command in self.commands.values():
+                yield CommandTrial(command, places.of(name), seed, beside)
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """Return the outcomes of runs, and the costs of all commands."""
+        label = {command: name for name, command in self.commands.items()}
+        groups = {
+            (label[command], name): of
+            for (command, name), of in split(rows, "command", "object").items()
+        }
+        costs: list[Column] = [
+            ("runs", lambda rows: str(len(where(rows, package=THIS)))),
+            *(
+                (f"{text}, {what}", _median_of(package, column, digits))
+                for column, what, digits in (
+                    ("wall", "s", 2),
+                    ("processor", "CPU s", 2),
+                    ("memory", "MB", 0),
+                )
+                for package, text in ((THIS, "this version"), (BESIDE, "the other"))
+                if package == THIS or where(rows, package=BESIDE)
+            ),
+        ]
+        tables = [grouped_table("costs", "Costs, medians", "command | object", groups, costs)]
+        lifts = {key: [r for r in of if r.get("held") is not None] for key, of in groups.items()}
+        for name, of in split([row for part in lifts.values() for row in part], "command").items():
+            lifts[label[name], ALL] = of
+        outcomes: list[Column] = [
+            ("held (95 %)", _held),
+            ("without violation", _held_within_limits),
+            ("attempts", mean_cell("attempts", digits=2)),
+            ("effort", median_cell("effort", digits=2)),
+            ("speed", median_cell("speed", digits=2)),
+            ("rmsd [mm]", median_cell("rmsd", 1e3, 2)),
+            ("motion [s]", median_cell("motion", digits=0)),
+            ("other reasons", _reasons),
+        ]
+        if any(lifts.values()):
+            title = "Runs, lost ones by their reasons"
+            tables.insert(0, grouped_table("runs", title, "command | object", lifts, outcomes))
+        return tables
+
+
+def _count(rows: Sequence[Row]) -> str:
+    return str(len(rows))
+
+
+def _median_of(package: str, column: str, digits: int) -> Any:
+    cell = median_cell(column, digits=digits)
+    return lambda rows: cell(where(rows, package=package))
+
+
+def _held(rows: Sequence[Row]) -> str:
+    return rate_with_interval(sum(bool(row["held"]) for row in rows), len(rows))
+
+
+def _held_within_limits(rows: Sequence[Row]) -> str:
+    good = [row for row in rows if row["held"] and not row.get("violations")]
+    return rate_with_interval(len(good), len(rows))
+
+
+def _reasons(rows: Sequence[Row]) -> str:
+    return ", ".join(str(row["reason"]) for row in rows if not row["held"])
+
+
+class ServicePart(SeedsPart):
+    """Time of an answer of the service that chooses touches."""
+
+    measure: Literal["service"]
+    objects: list[str]
+    hands: list[str]
+    touches: int
+    experiment: ClassVar[Experiment] = SERVICE
+
+    def trials(self, seed: int, places: Places) -> Iterator[Any]:
+        """Yield the trials of a seed."""
+        for name in self.objects:
+            for hand in self.hands:
+                yield ServiceTrial(name, seed, hand, self.touches)
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """Return the times of answers."""
+        columns: list[Column] = [
+            ("answers", _count),
+            ("median [ms]", median_cell("wall", 1e3, 0)),
+            ("processor, mean [ms]", mean_cell("processor", 1e3, 0)),
+        ]
+        title = f"Answers with about {self.touches} contacts"
+        groups = split(rows, "hand", "estimator")
+        return [grouped_table("answers", title, "hand | estimator", groups, columns)]
+
+
+class FitsPart(SeedsPart):
+    """Cost of estimators by the number of contacts."""
+
+    measure: Literal["fits"]
+    contacts: list[int]
+    experiment: ClassVar[Experiment] = FITS
+
+    def trials(self, seed: int, places: Places) -> Iterator[Any]:
+        """Yield the trials of a seed."""
+        for count in self.contacts:
+            yield FitTrial(count, seed)
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """Return the costs, and the exponent of time against the number of contacts."""
+        columns: list[Column] = [
+            ("fit [ms]", median_cell("fit", 1e3)),
+            ("field [us/point]", median_cell("field", 1e6, 2)),
+            ("mesh [s]", median_cell("mesh", digits=2)),
+            ("memory [MB]", median_cell("memory", 2**-20)),
+        ]
+        groups: dict[Any, list[Row]] = split(rows, "estimator", "contacts")
+        grown: list[Column] = [(f"{c} ~ N^k, k", _exponent(c)) for c in ("fit", "field", "memory")]
+        first = "estimator | contacts"
+        return [
+            grouped_table("fits", "Fit, field at a point, mesh, memory", first, groups, columns),
+            grouped_table("growth", "Growth", "estimator", split(rows, "estimator"), grown),
+        ]
+
+
+def _exponent(column: str) -> Any:
+    def cell(rows: Sequence[Row]) -> str:
+        known = [row for row in rows if row.get(column)]
+        if len({row["contacts"] for row in known}) < 3:
+            return NONE
+        contacts, values = (np.log(values_of(known, name)) for name in ("contacts", column))
+        return f"{np.polyfit(contacts, values, 1)[0]:.2f}"
+
+    return cell
+
+
+AnyPart = (
+    GraspsPart
+    | PaperPart
+    | SurfacesPart
+    | LiesPart
+    | ExplorationPart
+    | SimulatorsPart
+    | CommandsPart
+    | ServicePart
+    | FitsPart
+    | AblationPart
+)
+
+KINDS: Mapping[str, type[Part]] = {
+    str(kind.model_fields["measure"].annotation.__args__[0]): kind  # type: ignore[union-attr]
+    for kind in AnyPart.__args__
+}
+"""The class of each part by what it measures."""

@@ -1,0 +1,197 @@
+"""Rows of an evaluation: made in order of importance, within a time, and stored as Parquet."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.io.atomic_writing import whole_file
+from lis_grasp.io.json_lines import Row
+from lis_grasp.version import __version__
+from lis_grasp_studies.evaluation.configuration import Configuration, measure_part
+from lis_grasp_studies.evaluation.part import Places
+from lis_grasp_studies.harness.rows import Job, TrialResults
+from lis_grasp_studies.harness.runner import Scheduler, run_trials
+from lis_grasp_studies.study.results import pyarrow_modules
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluationResults:
+    """The rows of an evaluation in a folder: ``rows.jsonl``, which grows, and ``rows/*.parquet``.
+
+    A row has its part, the commit that made it, and the time of its job; no row is made twice. The
+    folder need not exist.
+    """
+
+    folder: Path
+
+    @property
+    def lines(self) -> TrialResults:
+        """The file of rows that grows."""
+        return TrialResults(self.folder / "rows.jsonl", "evaluate")
+
+    def read(self, *, any_version: bool = False) -> list[Row]:
+        """Return all rows, of the file that grows, or else of the Parquet files.
+
+        Raises
+        ------
+        InvalidFileError
+            If a file cannot be read, or is of another version.
+        """
+        if self.lines.path.is_file():
+            return self.lines.read(any_version=any_version)
+        paths = sorted((self.folder / "rows").glob("*.parquet"))
+        return [row | {"part": path.stem} for path in paths for row in read_parquet(path)]
+
+    def write_parquet(self, rows: dict[str, list[Row]]) -> None:
+        """Write the rows of each part as a Parquet file named after it."""
+        for name, part in rows.items():
+            if part:
+                write_parquet(self.folder / "rows" / f"{name}.parquet", part)
+
+
+def write_parquet(path: Path, rows: Sequence[Row]) -> None:
+    """Write rows as a Parquet file with all columns that occur."""
+    arrow, parquet = pyarrow_modules()
+    names = dict.fromkeys(name for row in rows for name in row)
+    table = arrow.table({name: [row.get(name) for row in rows] for name in names})
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as temporary:
+        parquet.write_table(table, temporary, compression="zstd")
+
+
+def read_parquet(path: Path) -> list[Row]:
+    """Return the rows of a Parquet file.
+
+    Raises
+    ------
+    InvalidFileError
+        If it cannot be read.
+    """
+    _, parquet = pyarrow_modules()
+    try:
+        rows: list[Row] = parquet.ParquetFile(path).read().to_pylist()
+    except Exception as error:  # noqa: BLE001 - errors of Arrow, of the system and built-in ones
+        reason = " ".join(str(error).split())
+        raise InvalidFileError(f"cannot read {path}: {reason}", path=path) from None
+    return rows
+
+
+@dataclass(slots=True)
+class Costs:
+    """Expected times of jobs, from the rows so far and before them from the configuration."""
+
+    configuration: Configuration
+    total: float = 0.0
+    """Of all jobs that were added [s]."""
+    _sums: dict[tuple[str, int], tuple[int, float]] = field(default_factory=dict)
+
+    def add(self, rows: Sequence[Row]) -> None:
+        """Add the time of the job that made these rows."""
+        if rows:
+            part = self.configuration.parts.get(rows[0]["part"])
+            if part is not None:
+                variants = {row[part.experiment.variant] for row in rows}
+                key = rows[0]["part"], len(variants)
+                count, seconds = self._sums.get(key, (0, 0.0))
+                self._sums[key] = count + 1, seconds + rows[0]["job_seconds"]
+                self.total += rows[0]["job_seconds"]
+
+    def expected(self, job: Job) -> float:
+        """Return the expected time of a job [s]: the mean of jobs with as many variants."""
+        part = self.configuration.parts[job.trial.part]
+        count, seconds = self._sums.get((job.trial.part, len(job.variants)), (0, 0.0))
+        return seconds / count if count else part.seconds * len(job.variants) / len(part.variants)
+
+
+@dataclass(slots=True)
+class Evaluation:
+    """The run of what is missing of an evaluation.
+
+    Parameters
+    ----------
+    configuration, places
+        What to measure, and where files are.
+    results
+        Receives the rows.
+    scheduler
+        Runs the jobs.
+    hours
+        Time for all of them; None for no limit. A job that would not be done by then, as others of
+        its part were, ends the run.
+    """
+
+    configuration: Configuration
+    places: Places
+    results: EvaluationResults
+    scheduler: Scheduler
+    hours: float | None = None
+    left: list[Job] = field(default_factory=list)
+    """Jobs that have not been started."""
+
+    def run(self) -> Iterator[tuple[int, int, float]]:
+        """Yield the numbers of jobs done and in total, and the time that the rest needs [s].
+
+        The time is infinite until jobs are done, which say how many are done at a time.
+
+        Errors as of `run_trials`.
+        """
+        known, costs = self.results.read(), Costs(self.configuration)
+        for rows in _by_job(known):
+            costs.add(rows)
+        self.left = self.configuration.missing(self.places, known)
+        total = sum(1 for _ in self.configuration.jobs(self.places))
+        start, made = time.time(), costs.total
+        end = np.inf if self.hours is None else start + 3600.0 * self.hours
+
+        def jobs() -> Iterator[Job]:
+            while self.left and time.time() + costs.expected(self.left[0]) <= end:
+                yield self.left.pop(0)
+
+        receiver = _Receiver(self.results.lines, costs)
+        missing = len(self.left)
+        for done, _ in run_trials(jobs(), missing, receiver, self.scheduler, measure_part):
+            rate = (costs.total - made) / max(time.time() - start, 1e-9)
+            rest = sum(map(costs.expected, self.left)) / rate if rate else np.inf
+            yield total - missing + done, total, min(rest, end - time.time())
+
+
+@dataclass(frozen=True, slots=True)
+class _Receiver:
+    """Appends rows, with the commit, and learns their cost."""
+
+    lines: TrialResults
+    costs: Costs
+
+    def append(self, rows: Sequence[Row]) -> None:
+        self.lines.append([row | {"version": __version__, "commit": commit()} for row in rows])
+        self.costs.add(rows)
+
+
+def _by_job(rows: Sequence[Row]) -> Iterator[list[Row]]:
+    """Yield rows that one job made; the rows of a job follow each other and share its time."""
+    group: list[Row] = []
+    for row in rows:
+        if group and any(row[name] != group[0][name] for name in ("part", "job_seconds")):
+            yield group
+            group = []
+        group.append(row)
+    yield group
+
+
+@lru_cache(maxsize=1)
+def commit() -> str:
+    """Return the commit of the package's source, with "-dirty" if files differ; or its version."""
+    words = ("git", "describe", "--always", "--dirty", "--exclude=*", "--abbrev=10")
+    root = Path(__file__).parents[2]
+    if not (root / ".git").exists():
+        return __version__
+    done = subprocess.run(words, cwd=root, capture_output=True, text=True, check=False)
+    return done.stdout.strip() or __version__

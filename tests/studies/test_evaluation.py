@@ -1,0 +1,291 @@
+"""The evaluation: order, time limit and continuation of its trials; numbers from its rows."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, ClassVar, Literal
+
+import pytest
+
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
+from lis_grasp.io.json_lines import Row
+from lis_grasp_studies.cli import evaluate
+from lis_grasp_studies.evaluation import configuration, results
+from lis_grasp_studies.evaluation.configuration import KINDS, SHIPPED, Configuration
+from lis_grasp_studies.evaluation.grasp_parts import (
+    attempts_table,
+    beside_table,
+    families_table,
+    held_rates,
+    published_objects,
+)
+from lis_grasp_studies.evaluation.grasps import GraspTrial, measure_grasps
+from lis_grasp_studies.evaluation.part import Places, SeedsPart, interleaved
+from lis_grasp_studies.evaluation.results import Evaluation, EvaluationResults, read_parquet
+from lis_grasp_studies.harness.experiment import Experiment
+from lis_grasp_studies.harness.rows import Job
+from lis_grasp_studies.harness.runner import InProcess
+from lis_grasp_studies.harness.tables import Table
+from lis_grasp_studies.study.results import without_times
+from lis_grasp_studies.study.run import run_trial
+from lis_grasp_studies.study.trial import Setup, Trial
+
+pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
+
+EVERYWHERE = Places(Path("meshes"), Path("other"))
+CLOCK = [0.0]
+
+
+@dataclass(frozen=True)
+class Throw:
+    object: str
+    seed: int
+
+
+def throw(trial: Throw, hand: str) -> Row:
+    CLOCK[0] += 10.0
+    return {"metres": trial.seed + len(trial.object) + len(hand)}
+
+
+class ThrowsPart(SeedsPart):
+    """Throws, each of ten seconds."""
+
+    measure: Literal["throws"] = "throws"
+    experiment: ClassVar[Experiment] = Experiment("throws", throw, asdict, variant="hand")
+
+    def trials(self, seed: int, places: Places) -> Iterator[Any]:
+        yield from (Throw(name, seed) for name in ("ball", "cup"))
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        return [Table("throws", "Throws", ("rows",), ((str(len(rows)),),))]
+
+
+def throws(monkeypatch: pytest.MonkeyPatch, seconds: float = 1.0) -> Configuration:
+    """Return two parts of three and two rounds, whose time passes by a clock of their own."""
+    monkeypatch.setitem(KINDS, "throws", ThrowsPart)
+    monkeypatch.setattr(configuration, "time", SimpleNamespace(perf_counter=lambda: CLOCK[0]))
+    monkeypatch.setattr(results, "time", SimpleNamespace(time=lambda: CLOCK[0]))
+    facts: dict[str, Any] = {"title": "Throws", "variants": ["left", "right"]}
+    first = ThrowsPart(seeds=[0, 1, 2], seconds=seconds, **facts)
+    second = ThrowsPart(seeds=[5, 6], seconds=seconds, **facts)
+    return Configuration.model_construct(parts={"first": first, "second": second})
+
+
+def run(part: Configuration, folder: Path, hours: float | None = None, stop: int = 99) -> list[Row]:
+    """Run until so many jobs are done; return the rows without what differs between equal runs."""
+    steps = Evaluation(part, Places(), EvaluationResults(folder), InProcess(), hours).run()
+    for done, _, _ in steps:
+        if done == stop:
+            break
+    rows = EvaluationResults(folder).read()
+    return [{k: v for k, v in row.items() if k not in ("job_seconds", "commit")} for row in rows]
+
+
+def test_rounds_come_one_after_the_other_and_parts_in_their_order(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    rows = run(throws(monkeypatch), tmp_path)
+    order = list(dict.fromkeys((row["part"], row["seed"]) for row in rows))
+    assert order == [("first", 0), ("second", 5), ("first", 1), ("second", 6), ("first", 2)]
+
+
+def test_an_interrupted_evaluation_ends_with_the_rows_of_an_undisturbed_one(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    part = throws(monkeypatch)
+    whole = run(part, tmp_path / "whole")
+    assert len(whole) == 2 * 2 * 5
+    assert len(run(part, tmp_path / "stopped", stop=3)) == 6
+    with (tmp_path / "stopped" / "rows.jsonl").open("a") as file:
+        file.write('{"part": "first", "obj')  # killed while it wrote
+    assert run(part, tmp_path / "stopped") == whole
+    lines = (tmp_path / "stopped" / "rows.jsonl").read_text().splitlines()
+    assert len(lines) == 1 + len(whole)
+
+
+@pytest.mark.parametrize(
+    ("expected", "limit", "jobs"),
+    [
+        (1.0, 65.0, 3),  # a job takes 20 s, as the first shows: three are done in 65 s
+        (1.0, 79.0, 3),
+        (1.0, 81.0, 4),
+        (50.0, 49.0, 0),  # before there are rows, the configuration says 50 s
+        (50.0, 51.0, 2),
+    ],
+)
+def test_a_job_that_would_not_be_done_in_time_is_not_begun(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, expected: float, limit: float, jobs: int
+) -> None:
+    part = throws(monkeypatch, expected)
+    rows = run(part, tmp_path, hours=limit / 3600.0)
+    # The second part is unknown when the first two jobs are done; 50 s are too long for it then.
+    assert len(rows) == 2 * jobs
+
+
+@pytest.mark.parametrize("name", ["published", "quick"])
+def test_every_beginning_of_the_shipped_trials_is_balanced(name: str) -> None:
+    known = Configuration.load(SHIPPED / f"{name}.yaml")
+    jobs = list(known.jobs(EVERYWHERE))
+    cells = {part: Counter[str]() for part in known.parts}
+
+    def cell(job: Job) -> str:
+        facts = known.parts[job.trial.part].experiment.facts(job.trial.trial)
+        return str({key: value for key, value in facts.items() if key != "seed"})
+
+    for job in jobs:
+        cells[job.trial.part][cell(job)] = 0
+    for job in jobs:
+        counts = cells[job.trial.part]
+        counts[cell(job)] += 1
+        assert max(counts.values()) - min(counts.values()) <= 1, job
+
+
+def test_every_beginning_of_the_objects_has_of_each_group_its_fraction() -> None:
+    groups = published_objects()
+    total, counts = sum(map(len, groups.values())), Counter[str]()
+    for group, _ in interleaved(groups):
+        counts[group] += 1
+        for name, members in groups.items():
+            fraction = len(members) / total
+            # Members are at the middles of equal intervals: each group is off by half a member.
+            bound = 0.5 + 0.5 * len(groups) * fraction
+            assert abs(counts[name] - counts.total() * fraction) <= bound + 1e-9
+
+
+@pytest.mark.parametrize(("name", "hours"), [("published", 12.0), ("quick", 0.25)])
+def test_shipped_configurations_take_the_time_that_they_promise(name: str, hours: float) -> None:
+    known = Configuration.load(SHIPPED / f"{name}.yaml")
+    seconds = sum(known.parts[job.trial.part].seconds for job in known.jobs(EVERYWHERE))
+    assert seconds / 2.0 / 3600.0 <= hours  # on two cores
+
+
+def lifts(
+    held: dict[str, list[int]], objects: Sequence[str] = ("cup", "pen"), attempts: int = 1
+) -> list[Row]:
+    """Return a row for each estimator, object and seed, objects first."""
+    facts = {"hand": "wsg50", "touches": 20, "noise": "none", "attempts": attempts}
+    return [
+        facts
+        | {"object": objects[k % len(objects)], "seed": k // len(objects)}
+        | {"estimator": name, "held": bool(value), "reason": "held" if value else "dropped"}
+        for name, values in held.items()
+        for k, value in enumerate(values)
+    ]
+
+
+def test_rates_and_tables_are_those_counted_by_hand() -> None:
+    # Cups: blend 1 of 2, gpis 2 of 2. Pens: blend 2 of 2, gpis 1 of 2.
+    rows = lifts({"blend": [1, 1, 0, 1], "gpis": [1, 0, 1, 1]})
+    assert held_rates(rows) == {"blend": 75.0, "gpis": 75.0, "blend 20": 75.0, "gpis 20": 75.0}
+    groups = {"tools": ["pen"], "vessels": ["cup"]}
+    body = families_table(rows, groups).body
+    assert body[0] == ("vessels", "1", "50", "100", "−50.0")  # the loss first
+    assert body[1] == ("tools", "1", "100", "50", "+50.0")
+    assert body[2] == ("all", "2", "75", "75", "+0.0")
+    more = lifts({"blend": [1, 1, 1, 1]}, attempts=3)
+    (line,) = attempts_table([*rows, *more]).body
+    assert line[:3] == ("blend", "3", "4")
+    assert [line[3].split()[0], line[4].split()[0], line[5]] == ["75", "100", "+25.0"]
+
+
+def test_an_earlier_version_that_held_more_is_named() -> None:
+    names = [f"cup{k}" for k in range(12)]
+    now, before = ([1] * 2 + [0] * 10, [1] * 11 + [0])
+    groups = {"vessels": names[:6], "others": names[6:]}
+    body = beside_table(
+        lifts({"blend": now, "gpis": before}, names), lifts({"blend": before}, names), groups
+    ).body
+    verdicts = {line[:2]: (line[2:5], line[-1]) for line in body}
+    assert verdicts["blend", "all"] == (("12", "92", "17"), "clearly worse")
+    assert verdicts["blend", "vessels"][0] == ("6", "100", "33")
+    assert body[0][:2] == ("blend", "others")  # 5 of 6 lost, the most
+    assert not any(line[0] == "GPIS" for line in body)  # the earlier version had none
+
+
+TINY = """
+shared: {one: &one [0]}
+parts:
+  paper:
+    {measure: paper, title: Paper, experiments: [whole, wedge], variants: [lis, gpis, blend],
+     seeds: *one, seconds: 3}
+  exploration:
+    {measure: exploration, title: Explorations, objects: {simple: [box]}, touches: "4 6",
+     variants: [spread], seeds: [1], seconds: 5}
+  lies:
+    {measure: lies, title: Lies, part: 480, fits: false, variants: [clean], seeds: [1], seconds: 1}
+  grasps:
+    {measure: grasps, title: Grasps, objects: {scans: [nowhere.ply]}, hands: {wsg50: [0]},
+     noise: none, budgets: "4", variants: [gpis, blend], seconds: 5}
+"""
+
+
+def call(*arguments: str) -> None:
+    parser = argparse.ArgumentParser()
+    evaluate.add_arguments(parser)
+    with ExitStack() as stack:
+        options = parser.parse_args(arguments)
+        options.until_end = stack
+        evaluate.execute(options)
+
+
+@pytest.mark.slow
+def test_one_command_measures_stores_and_reports(tmp_path: Path) -> None:
+    file, output = tmp_path / "tiny.yaml", tmp_path / "out"
+    file.write_text(TINY)
+    call(str(file), "--jobs", "2", "--output", str(output))
+    rows = EvaluationResults(output).read()
+    assert {row["part"] for row in rows} == {"paper", "exploration", "lies"}  # no scan is there
+    for name in ("paper", "exploration", "lies"):
+        stored = read_parquet(output / "rows" / f"{name}.parquet")
+        assert len(stored) == sum(row["part"] == name for row in rows)
+    numbers = json.loads((output / "numbers.json").read_text())
+    edges = numbers["paper: How far are sharp edges from the estimate?"]
+    assert edges["blend"] < edges["gpis"]
+    page = (output / "results.md").read_text()
+    assert f"{edges['blend']:.1f} mm (blend)" in page
+    assert "of 16 of 17 trials" in page
+    assert "data:image/png;base64," in (output / "report.html").read_text()
+    # The Parquet files alone give the same page.
+    (output / "rows.jsonl").unlink()
+    call(str(file), "--report-only", "--output", str(output))
+    assert json.loads((output / "numbers.json").read_text()) == numbers
+
+
+def test_mistakes_are_named(tmp_path: Path) -> None:
+    file = tmp_path / "c.yaml"
+    for text, word in (
+        (TINY.replace("seconds: 3", "seconds: 0"), "seconds"),
+        (TINY.replace("measure: lies", "measure: truths"), "truths"),
+        (TINY.replace("part: 480", "parts: 480"), "parts"),
+        ("parts: {}", "parts"),
+        ("[]", "configuration"),
+    ):
+        file.write_text(text)
+        with pytest.raises(InvalidFileError, match=word):
+            Configuration.load(file)
+    file.write_text(TINY)
+    with pytest.raises(InvalidOptionError, match="grasp"):
+        call(str(file), "--parts", "grasp")
+    for option, value in (("--hours", "0"), ("--meshes", "no"), ("--beside", str(tmp_path))):
+        with pytest.raises(InvalidOptionError, match=option):
+            call(str(file), option, value, "--output", str(tmp_path / "out"))
+
+
+@pytest.mark.slow
+def test_budgets_give_the_rows_of_the_study_s_trials() -> None:
+    setup = Setup(size=0.08)
+    task = GraspTrial(Trial("box", "wsg50", 1, "none", 0, setup), "6 9 9x2")
+    rows = measure_grasps(task, "blend")
+    assert [(row["touches"], row["attempts"]) for row in rows] == [(6, 1), (9, 1), (9, 2)]
+    (alone,) = run_trial(Job(Trial("box", "wsg50", 9, "none", 0, setup), ("blend",)))
+    assert without_times(rows[1]) == without_times(alone)
+    assert rows[2]["contacts_digest"] == alone["contacts_digest"]
+    assert rows[2]["executed"] in (1, 2)
+    assert measure_grasps(task, "truth")[2]["rmsd"] < 1e-9
