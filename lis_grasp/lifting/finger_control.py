@@ -71,6 +71,7 @@ class FingerControl:
         self._grip = setup.grip_force(setup.options.assumed_mass or setup.mass)  # [N]
         self._contacts: dict[str, _FingerContact] = {}
         self._forces: dict[str, FloatArray] = {}  # on the object, in the palm's frame H
+        self.exerted = 0.0  # sum of their normal parts [N]
         self._p_OC = np.asarray(setup.mesh.center_mass)
         self._weight: FloatArray | None = None  # (3,) [N], once the hand has weighed the object
         travel = hand.pad_centers(np.eye(4), np.stack([self._start, self._goal]))  # (2, F, 3)
@@ -216,12 +217,14 @@ class FingerControl:
         for _ in range(_TRIES):
             forces = self._balanced_forces(points, normals, wanted)
             self._forces = dict(zip(fingers, forces @ R_WH, strict=True))
+            self.exerted = -float(np.sum(forces * normals))
             exerted = self._exerted(forces, normals)
             if exerted <= 1.0:
                 return
             wanted /= exerted
         # Scaled together so that no finger pushes harder than it can.
         self._forces = {finger: force / exerted for finger, force in self._forces.items()}
+        self.exerted /= exerted
 
     def _exerted(self, forces: FloatArray, normals: FloatArray) -> float:
         """Return the planned forces (C, 3) as a fraction of what the fingers can exert."""

@@ -120,6 +120,8 @@ class LiftOutcome:
     #: with the space inside the hand's links then, which is free
     X_WO: FloatArray  #: (4, 4), final pose of the object; the last recorded one if it diverged
     weighed: float | None = None  #: mass of the object by the forces on the hand [kg]
+    #: grip force by that which just carries the weighed mass in the largest shake, as planned
+    grip_margin: float | None = None
     arm: ArmUse | None = None  #: what was demanded of the arm; None for a hand on a free wrist
 
     @classmethod

@@ -95,25 +95,26 @@ class LiftSetup:
 
     def grip_force(self, mass: float) -> float:
         """Return the wanted sum of normal forces [N] for a mass [kg]; see `LiftOptions`."""
-        options = self.options
-        load = mass * (GRAVITY + max(options.shake_accelerations, default=0.0))
+        margin, load = self.options.grip_margin, self._load(mass)
+        largest = 2.0 * self.hand.max_contact_force
         return max(
-            options.grip_margin * load / self.grip_friction,
-            self._force_to_accelerate(load),
-            options.least_grip_force,
+            margin * load / self.grip_friction,
+            min(largest, margin * self.needed_force(mass)),
+            self.options.least_grip_force,
         )
 
-    def _force_to_accelerate(self, load: float) -> float:
-        """Return the sum of normal forces [N] with which the planned grasp carries a load [N].
+    def needed_force(self, mass: float) -> float:
+        """Return the sum of normal forces [N] that just carries a mass [kg] in the largest shake.
 
-        Levers to the centre of mass and the inertia of long objects are part of the load that was
-        planned; 0 for a grasp that names none.
+        By Coulomb's law and by the load that the planned grasp carries per newton, if it names it:
+        levers to the centre of mass and the inertia of long objects are part of that.
         """
-        per_grip = self.grasp.quality.get("load_per_grip")
-        if per_grip is None:
-            return 0.0
-        largest = 2.0 * self.hand.max_contact_force
-        return float(min(largest, self.options.grip_margin * load / max(per_grip, 1e-9)))
+        per_grip = self.grasp.quality.get("load_per_grip", np.inf)
+        return self._load(mass) / max(min(per_grip, self.grip_friction), 1e-9)
+
+    def _load(self, mass: float) -> float:
+        """Return weight and inertia of a mass [kg] in the largest shake [N]."""
+        return mass * (GRAVITY + max(self.options.shake_accelerations, default=0.0))
 
 
 def finger_gains(hand: Hand, grasp: Grasp) -> tuple[FloatArray, FloatArray]:

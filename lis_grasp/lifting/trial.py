@@ -41,6 +41,8 @@ _LOST = 0.05  # [m] of slip that only a lost object has
 # more until then is set down [m].
 _WATCHED_RISE = 0.01
 _GRIP_FACTOR = 1.5
+# Margin of the grip below which an object is set down that is so many times as heavy as assumed.
+_LEAST_MARGIN, _HEAVIER = 0.7, 1.25
 # Commands over which a weight is averaged, and the least mass that is weighed [kg].
 _WEIGHED_STEPS, _LEAST_MASS = 9, 0.005
 _SLIP_LIMIT = 0.006
@@ -96,6 +98,7 @@ class LiftTrial:
         self._lost_after: tuple[float, float] | None = None  # slip [m] and turn [rad]
         self._lifted = False
         self._weighed: float | None = None  # [kg]
+        self._margin: float | None = None  # of the grip
         self._survived = 0.0
         self._times: list[float] = []
         self._poses: dict[str, list[FloatArray]] = {}
@@ -111,11 +114,12 @@ class LiftTrial:
             reason = "diverged"
         poses = {name: np.array(X) for name, X in self._poses.items()}
         diverged = reason == "diverged"  # then the simulation's state means nothing
+        slip, turn = (0.0, 0.0) if diverged else self._lost_after or (self._slip(), self._turn())
         return LiftOutcome(
             lifted=self._lifted,
             held=reason == "held",
-            slip=0.0 if diverged else self._slip(),
-            turn=0.0 if diverged else self._turn(),
+            slip=slip,
+            turn=turn,
             reason=reason,
             acceleration_survived=self._survived,
             duration=self._scene.time,
@@ -124,6 +128,7 @@ class LiftTrial:
             measured_contacts=self._measured,
             X_WO=poses[OBJECT][-1] if diverged else self._scene.X_WO,
             weighed=self._weighed,
+            grip_margin=self._margin,
             arm=self._scene.carrier.use,
         )
 
@@ -222,7 +227,7 @@ class LiftTrial:
             if self._weighed is None:
                 given_up = self._accept_grasp is not None and watch.total > _SLIP_LIMIT
                 if rise >= _WATCHED_RISE:
-                    self._weigh(felt)
+                    given_up |= self._weigh(felt) and self._accept_grasp is not None
                 elif watch.has_slipped():
                     self._control.grip_harder(_GRIP_FACTOR)
             # Another attempt starts best from where this one began: an object that is lost already
@@ -238,14 +243,20 @@ class LiftTrial:
             self._weigh(felt)
         return None if self._lifted else self._failure("not_lifted")
 
-    def _weigh(self, felt: list[tuple[float, float]]) -> None:
-        """Weigh the object by the vertical force on the rising hand, and carry it."""
+    def _weigh(self, felt: list[tuple[float, float]]) -> bool:
+        """Weigh the object by the vertical force on the rising hand, and carry it.
+
+        Returns whether it is heavier than assumed, and the grip too small for it.
+        """
         forces, rises = np.array(felt[-_WEIGHED_STEPS:]).T
         times = np.arange(len(rises)) / _CONTROL_RATE
         acceleration = 2.0 * np.polyfit(times, rises, 2)[0] if len(rises) > 2 else 0.0
         mass = float(forces.mean()) / max(GRAVITY + acceleration, 0.5 * GRAVITY)
         self._weighed = max(mass, _LEAST_MASS)
         self._control.carry(self._weighed)
+        self._margin = self._control.exerted / self._setup.needed_force(self._weighed)
+        assumed = self._options.assumed_mass or self._setup.mass
+        return self._margin < _LEAST_MARGIN and self._weighed > _HEAVIER * assumed
 
     def _shake(self) -> Reason | None:
         options = self._options
@@ -314,8 +325,13 @@ class LiftTrial:
         """Lower what is still in the hand, open it, retreat, and wait until the object rests."""
         self._lost_after = self._slip(), self._turn()
         here = self._displacement()
+
+        def lower(time: float) -> bool:
+            self._control.hold()
+            return self._clearance() < _SETTLED  # the wrist feels the table
+
         if self._grasped is not None and self._touching_links() >= 2:
-            self._advance(_RETREAT_TIME, line(here, self._here, _RETREAT_TIME), self._lower)
+            self._advance(_RETREAT_TIME, line(here, self._here, _RETREAT_TIME), lower)
             here = self._displacement()
 
         def open_hand(time: float) -> bool:
@@ -339,11 +355,6 @@ class LiftTrial:
         homeward = self._scene.carrier.go_home()
         if homeward is not None:
             self._move(homeward)
-
-    def _lower(self, time: float) -> bool:
-        """Hold the grip; return whether the object meets the table, as the wrist feels."""
-        self._control.hold()
-        return self._clearance() < _SETTLED
 
     def _hold_grip(self, time: float) -> bool:
         self._control.hold()
@@ -394,16 +405,12 @@ class LiftTrial:
 
     def _slip(self) -> float:
         """Return the motion of the object's centre of mass in the hand [m]."""
-        if self._lost_after is not None:
-            return self._lost_after[0]
         if self._grasped is None:
             return 0.0
         return float(np.linalg.norm(self._object_in_hand() - self._grasped[0]))
 
     def _turn(self) -> float:
         """Return the angle by which the object has turned in the hand [rad]."""
-        if self._lost_after is not None:
-            return self._lost_after[1]
         if self._grasped is None:
             return 0.0
         between = Rotation.from_matrix(self._grasped[1].T @ self._rotation_in_hand())

@@ -17,8 +17,9 @@ LIFT_REASONS: Mapping[str, str] = MappingProxyType(
         " (`best` of the lift)",
         "no_contact": "fewer than two fingers met the object: the estimate is too large there, so"
         " make more touches (`touches`)",
-        "set_down": "the object slipped at the start of the lift, and the hand set it down: permit"
-        " more attempts (`attempts`), or try a smaller `mass`",
+        "set_down": "the object slipped at the start of the lift, or was weighed as too heavy for"
+        " the grip, and the hand set it down: permit more attempts (`attempts`), or try a smaller"
+        " `mass`",
         "aborted": "the tactile check rejected the grasp before the squeeze: permit more attempts"
         " (`attempts`), or make more touches (`touches`)",
         "ejected": "closing the fingers drove the object out of the hand: try the next grasps"

@@ -38,6 +38,8 @@ from lis_grasp.typing import FloatArray
 
 # Distance [m] in which grasps fail alike: the usual extent of an error of an estimate.
 _ALIKE = 0.015
+# Grasps that are planned after a failure, from which the next is chosen.
+_MORE_GRASPS = 20
 # Touches that a failed attempt is followed by, beside those that find the object again.
 _MORE_TOUCHES = 4
 # Probes without a result for each of these touches, before they are given up.
@@ -176,11 +178,12 @@ def _learned(attempt: Attempt, outcome: LiftOutcome) -> tuple[Scenario, Contacts
     felt = replace(felt, free_points=felt.free_points[inside], free_radii=radii[inside])
     scenario = attempt.scenario.moved(X_EF, outcome.X_WO)
     load = scenario.known.load_prior(mesh)
+    known = replace(scenario.known, grasps=max(scenario.known.grasps, _MORE_GRASPS))
+    # An object that was not lifted may be heavier: the table helped.
     if outcome.weighed is not None and (outcome.lifted or outcome.weighed > load.mass):
-        spread = 0.0 if outcome.lifted else load.mass_spread  # else the table may have helped
-        load = replace(load, mass=outcome.weighed, mass_spread=spread)
-        known = replace(scenario.known, load=load, mass_by_volume=False)
-        scenario = replace(scenario, known=known)
+        load = replace(load, mass=outcome.weighed, mass_spread=0.0)
+        known = replace(known, load=load, mass_by_volume=False)
+    scenario = replace(scenario, known=known)
     mesh = mesh.copy().apply_transform(inverse_pose(X_EF))
     return scenario, attempt.contacts.append(felt.in_frame(X_EF)), mesh
 
@@ -193,16 +196,8 @@ def touch_more(
     An exploration is continued, of a free object, by simulated touches with forces. After a motion,
     known contacts are touched again and register the object (`PoseTracker`). If they contradict the
     contacts, it has toppled or is far away: it is explored anew. Then the earlier contacts are
-    dropped, unless the new ones are on the displaced estimate (`find_displacement`).
-
-    Parameters
-    ----------
-    scenario
-        The scenario, with the object where it is.
-    contacts
-        All that are known.
-    mesh
-        The last estimate; None if the object has not moved.
+    dropped, unless the new ones are on the displaced estimate `mesh` (`find_displacement`), which
+    is None if the object has not moved.
 
     Returns the scenario and all contacts in the frame of the object where it was found, and counts.
     Without contacts, it was not found.

@@ -180,6 +180,7 @@ def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
         "acceleration_survived": outcome.acceleration_survived,
         "simulated_seconds": outcome.duration,
         "weighed": outcome.weighed,
+        "grip_margin": outcome.grip_margin,
         **_use_facts(outcome),
     }
 

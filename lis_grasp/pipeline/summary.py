@@ -79,6 +79,11 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
         no_grasp = lift["reason"] == "no_grasp"
         why = no_grasp_sentence(grasps["rejections"]) if no_grasp else lift_sentence(lift["reason"])
         lines.append(f"{lifted}: {why}")
+    if lift.get("grip_margin") is not None:
+        lines.append(
+            f"weighed   {lift['weighed']:.2g} kg; the grip was {lift['grip_margin']:.1f} times what"
+            " carries it in the largest shake"
+        )
     if "arm" in report:
         lines.append(_arm_line(report))
     return tuple(lines)
