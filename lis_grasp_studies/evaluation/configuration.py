@@ -67,13 +67,13 @@ class Configuration(BaseModel):
                 for trial in part.round(number, places or Places()):
                     variants = tuple(part.variants)
                     if places is not None:
-                        variants = _runnable(variants, _facts(part, trial), places)
+                        variants = _runnable(variants, part.experiment.facts(trial), places)
                     if variants:
                         yield Job(PartTrial(name, part.measure, trial), variants)
 
     def missing(self, places: Places | None, rows: Sequence[Row]) -> list[Job]:
         """Return the jobs that lack rows, with the variants that they lack."""
-        known = {self._key_of(row) for row in rows if row["part"] in self.parts}
+        known = {key for key, _ in self._keyed(rows)}
         return [
             Job(job.trial, variants)
             for job in self.jobs(places)
@@ -82,27 +82,18 @@ class Configuration(BaseModel):
 
     def ordered(self, rows: Sequence[Row]) -> dict[str, list[Row]]:
         """Return the rows of each part in the order of its trials, without all others."""
-        found = {name: list[tuple[int, Row]]() for name in self.parts}
-        places = {}
-        for name, part in self.parts.items():
-            trials = [t for k in range(part.rounds) for t in part.round(k, Places())]
-            keys = (PartTrial(name, part.measure, t).key(v) for t in trials for v in part.variants)
-            places[name] = {key: place for place, key in enumerate(keys)}
-        for row in rows:
-            name = row["part"]
-            place = places.get(name, {}).get(self._key_of(row) if name in places else ())
-            if place is not None:
-                found[name].append((place, row))
-        return {
-            name: [row for _, row in sorted(part, key=lambda pair: pair[0])]
-            for name, part in found.items()
-        }
+        keys = (job.trial.key(name) for job in self.jobs(None) for name in job.variants)
+        places = {key: place for place, key in enumerate(keys)}
+        keyed = [(places[key], row) for key, row in self._keyed(rows) if key in places]
+        keyed.sort(key=lambda pair: pair[0])
+        return {name: [row for _, row in keyed if row["part"] == name] for name in self.parts}
 
-    def _key_of(self, row: Row) -> tuple[Any, ...]:
-        part = self.parts[row["part"]]
-        names = _facts(part, next(part.round(0, Places())))
-        values = (row.get(name) for name in (*names, part.experiment.variant))
-        return row["part"], *values, row.get("source") or ""
+    def _keyed(self, rows: Sequence[Row]) -> Iterator[tuple[Any, Row]]:
+        """Yield the rows of all parts, each after its key."""
+        first = {name: next(part.round(0, Places())) for name, part in self.parts.items()}
+        for row in rows:
+            if (name := row["part"]) in first:
+                yield (name, *self.parts[name].experiment.key_of(row, first[name])), row
 
 
 def _runnable(variants: tuple[str, ...], facts: Row, places: Places) -> tuple[str, ...]:
@@ -120,11 +111,6 @@ def _is_installed(hand: str | None) -> bool:
         return hand is None or bool(Hand.load(hand))
     except LisGraspError:
         return False
-
-
-def _facts(part: Any, trial: Any) -> Row:
-    facts: Row = part.experiment.facts(trial)
-    return facts
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,7 +40,7 @@ from lis_grasp_studies.unknown_study.simulators import (
 
 REFERENCE, SUBJECT = "gpis", "blend"
 ALL = "all"
-_SETUP = Setup(prober="dynamic", conditions="unknown")
+_UNKNOWN = Setup(prober="dynamic", conditions="unknown")
 _TIMES = ("touch", "estimate", "grasp", "lift")
 _MOST_LOST = 12  # objects that are listed
 
@@ -53,6 +53,8 @@ class LiftsPart(Part):
     hands: dict[str, list[int]]
     """The seeds of each hand; a round has the next seed of every hand."""
     noise: str
+    known: bool = False
+    """Whether place, size and load are known, and the object is fixed and touched by geometry."""
 
     @property
     def rounds(self) -> int:
@@ -64,7 +66,8 @@ class LiftsPart(Part):
         for _, name in interleaved(self.objects):
             for hand, seeds in self.hands.items():
                 for seed in seeds[number : number + 1]:
-                    yield self.trial(Trial(places.of(name), hand, 1, self.noise, seed, _SETUP))
+                    setup = Setup() if self.known else _UNKNOWN
+                    yield self.trial(Trial(places.of(name), hand, 1, self.noise, seed, setup))
 
     def trial(self, trial: Trial) -> Any:
         """Return the trial of the experiment for a study's trial."""
@@ -232,10 +235,11 @@ def attempts_table(rows: Sequence[Row]) -> Table:
 
 def _times_table(rows: Sequence[Row]) -> Table:
     columns: list[Column] = [
-        (f"{name} [s]", median_cell(f"seconds_{name}", digits=2)) for name in _TIMES
+        ("held", lambda rows: f"{len(where(rows, held=True))} of {len(rows)}"),
+        *((f"{name} [s]", median_cell(f"seconds_{name}", digits=2)) for name in _TIMES),
     ]
     groups = split([r for r in rows if r["estimator"] == SUBJECT], "hand", "touches")
-    title = f"Median times of the stages, {estimator_label(SUBJECT)}"
+    title = f"Held, and median times of the stages, {estimator_label(SUBJECT)}"
     return grouped_table("stages", title, "hand | touches", groups, columns)
 
 

@@ -88,8 +88,8 @@ def write_results(
         write_tables(folder / "tables" / name, tables)
     write_text(folder / "results.md", "\n".join(markdown))
     write_page(folder / "report.html", title, html)
-    numbers = {f"{part}: {answer.question}": answer.numbers for part, answer in answers}
-    write_text(folder / "numbers.json", json.dumps(numbers, indent=1) + "\n")
+    numbers = json.dumps(published_numbers(configuration, rows), indent=1)
+    write_text(folder / "numbers.json", f"{numbers}\n")
 
 
 def _answers(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
@@ -89,26 +89,25 @@ class Costs:
     """Expected times of jobs, from the rows so far and before them from the configuration."""
 
     configuration: Configuration
+    rows: InitVar[Sequence[Row]]
     total: float = 0.0
-    """Of all jobs that were added [s]."""
-    _sums: dict[tuple[str, int], tuple[int, float]] = field(default_factory=dict)
+    """Of all jobs [s]."""
+    _sums: dict[str, tuple[int, float]] = field(default_factory=dict)
 
-    def add(self, rows: Sequence[Row]) -> None:
-        """Add the time of the job that made these rows."""
-        if rows:
-            part = self.configuration.parts.get(rows[0]["part"])
-            if part is not None:
-                variants = {row[part.experiment.variant] for row in rows}
-                key = rows[0]["part"], len(variants)
-                count, seconds = self._sums.get(key, (0, 0.0))
-                self._sums[key] = count + 1, seconds + rows[0]["job_seconds"]
-                self.total += rows[0]["job_seconds"]
+    def __post_init__(self, rows: Sequence[Row]) -> None:
+        for part, seconds in {(row["part"], row["job_seconds"]) for row in rows}:
+            self.add(part, seconds)
+
+    def add(self, part: str, seconds: float) -> None:
+        """Add the time of a job [s]."""
+        count, before = self._sums.get(part, (0, 0.0))
+        self._sums[part] = count + 1, before + seconds
+        self.total += seconds
 
     def expected(self, job: Job) -> float:
-        """Return the expected time of a job [s]: the mean of jobs with as many variants."""
-        part = self.configuration.parts[job.trial.part]
-        count, seconds = self._sums.get((job.trial.part, len(job.variants)), (0, 0.0))
-        return seconds / count if count else part.seconds * len(job.variants) / len(part.variants)
+        """Return the expected time of a job [s]: the mean of those of its part."""
+        count, seconds = self._sums.get(job.trial.part, (0, 0.0))
+        return seconds / count if count else self.configuration.parts[job.trial.part].seconds
 
 
 @dataclass(slots=True)
@@ -143,9 +142,8 @@ class Evaluation:
 
         Errors as of `run_trials`.
         """
-        known, costs = self.results.read(), Costs(self.configuration)
-        for rows in _by_job(known):
-            costs.add(rows)
+        known = self.results.read()
+        costs = Costs(self.configuration, known)
         self.left = self.configuration.missing(self.places, known)
         total = sum(1 for _ in self.configuration.jobs(self.places))
         start, made = time.time(), costs.total
@@ -172,18 +170,7 @@ class _Receiver:
 
     def append(self, rows: Sequence[Row]) -> None:
         self.lines.append([row | {"version": __version__, "commit": commit()} for row in rows])
-        self.costs.add(rows)
-
-
-def _by_job(rows: Sequence[Row]) -> Iterator[list[Row]]:
-    """Yield rows that one job made; the rows of a job follow each other and share its time."""
-    group: list[Row] = []
-    for row in rows:
-        if group and any(row[name] != group[0][name] for name in ("part", "job_seconds")):
-            yield group
-            group = []
-        group.append(row)
-    yield group
+        self.costs.add(rows[0]["part"], rows[0]["job_seconds"])
 
 
 @lru_cache(maxsize=1)

@@ -65,7 +65,7 @@ class Experiment:
         """
         if not trials:
             return
-        known = {self._key_of(row, trials[0]) for row in results.read()}
+        known = {self.key_of(row, trials[0]) for row in results.read()}
         jobs = missing_jobs(trials, variants, known, self.key)
         yield from run_trials(jobs, len(trials), results, scheduler, self.run)
 
@@ -75,8 +75,8 @@ class Experiment:
         """Return the rows of some trials that exist, in the order of trials and variants."""
         order = {self.key(trial, name): None for trial in trials for name in variants}
         places = {key: place for place, key in enumerate(order)}
-        rows = [row for row in results.read() if self._key_of(row, trials[0]) in places]
-        return sorted(rows, key=lambda row: places[self._key_of(row, trials[0])])
+        rows = [row for row in results.read() if self.key_of(row, trials[0]) in places]
+        return sorted(rows, key=lambda row: places[self.key_of(row, trials[0])])
 
     def complete(
         self,
@@ -96,6 +96,7 @@ class Experiment:
     def _digest(self, variant: str) -> str:
         return self.source(variant) if self.source else ""
 
-    def _key_of(self, row: Row, trial: Any) -> tuple[Any, ...]:
+    def key_of(self, row: Row, trial: Any) -> tuple[Any, ...]:
+        """Return the key of a row that exists, as `key` does; any trial has its columns."""
         names = (*self.facts(trial), self.variant)
-        return *(row[name] for name in names), row.get("source", "")
+        return *(row[name] for name in names), row.get("source") or ""
