@@ -20,6 +20,9 @@ from lis_grasp.typing import FloatArray
 FARTHEST = 1e7
 """Largest coordinate of a contact [m]; anything larger is in the wrong unit."""
 
+HALF_SPACE = 100.0
+"""Radius of balls of free space that stand for half-spaces [m]."""
+
 # Normals written with few digits are off unit length by less; anything further is a mistake.
 _UNIT_TOLERANCE = 1e-2
 # Upper bound of the rounding error of a normalised length.
@@ -46,7 +49,8 @@ class Contacts(Record):
         Shape (K, 3) [m], in free space: the hand passed through them without a contact.
     free_radii
         Shape (K,) [m], of balls about the free points that are free of the object. Empty means 0
-        for all: only the points themselves are known to be free.
+        for all: only the points themselves are known to be free. A half-space, such as that beyond
+        a side where the object was felt to end, is a ball of `HALF_SPACE`.
     position_noise
         Shape (N,) [m], one standard deviation of each contact's position along its normal. NaN
         where it is unknown; None if it is unknown for all.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lis_grasp.contacts import Contacts
+from lis_grasp.contacts import HALF_SPACE, Contacts
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import unit
@@ -27,6 +27,8 @@ _ELONGATED = 2.0
 _LONG = 1.5
 # A sweep passes an end at this distance [m] and so many widths more, and is longer on each side.
 _PASS, _OBLIQUE, _MARGIN = 0.02, 0.15, 0.03
+# Beyond a closed end, space is free at this distance from the extreme contact [m].
+_CLEAR = 3e-3
 # The first motion down is so far inside of the first contact [m].
 _INSIDE = 0.012
 
@@ -57,21 +59,25 @@ class End:
 
     @property
     def is_open(self) -> bool:
-        """Whether no contact near the extreme shows the end yet, and tries are left.
+        """Whether it is not closed, and tries are left."""
+        return len(self.tried) < _TRIES and not self.is_closed
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether a contact near the extreme shows that the object ends there.
 
         A contact shows it if its normal faces out, or if an inward motion ended there ahead of the
         tip, as on an upper edge.
         """
         points, normals = self.contacts.points, self.contacts.normals
         found = normals @ self.out > _FACES_OUT
-        tried = self.tried
-        for outcome in tried:
+        for outcome in self.tried:
             for contact in outcome.contacts:
                 aside = abs(float((contact.points[0] - outcome.probe.target) @ self.across))
                 same = np.linalg.norm(points - contact.points[0], axis=1) < self.space.tip_radius
                 found |= same & (aside < self.space.tip_radius) & (normals @ self.out > -0.3)
         near = points @ self.out > self.extreme @ self.out - _NEAR * self.space.step
-        return len(tried) < _TRIES and not bool((near & found).any())
+        return bool((near & found).any())
 
     @property
     def is_passed(self) -> bool:
@@ -142,6 +148,21 @@ def open_ends(space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOutc
         return ""
     open_ones = [1e3 * end.extreme for end in ends_of(space, contacts, since) if end.is_open]
     return ", ".join(f"the end beyond x = {x:.0f}, y = {y:.0f} mm" for x, y, _ in open_ones)
+
+
+def free_beyond(
+    space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOutcome]
+) -> tuple[FloatArray, FloatArray]:
+    """Return what is free beyond closed ends: balls with centres (K, 3) and radii (K,) [m].
+
+    Only ends that an inward motion touched count: the normal of a shoulder faces out, too. The
+    balls are so large that they are half-spaces. Arguments are those of `open_ends`.
+    """
+    since = since_first_contact(outcomes)
+    ends = ends_of(space, contacts, since) if since and len(contacts) else ()
+    closed = [end for end in ends if end.is_closed and any(len(o.contacts) for o in end.tried)]
+    centers = [end.extreme + (_CLEAR + HALF_SPACE) * end.out for end in closed]
+    return np.reshape(centers, (-1, 3)), np.full(len(closed), HALF_SPACE)
 
 
 def extent_probe(

@@ -12,7 +12,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
-from lis_grasp.exploration.extent import open_ends
+from lis_grasp.exploration.extent import free_beyond, open_ends
 from lis_grasp.exploration.policy import Policy
 from lis_grasp.exploration.pose_tracking import PoseTracker
 from lis_grasp.exploration.probe import (
@@ -242,7 +242,8 @@ def explore_steps(
 ) -> Iterator[ExplorationState]:
     """Explore as `explore` does; yield the state before the first probe, after each, and the end.
 
-    The last state is the one before it, with the reason for the end.
+    The last state is the one before it, with the reason for the end. What is beyond the ends of an
+    object in a region is then free space of its contacts.
     """
     if setup.tracker is not None and not isinstance(prober, MovingProber):
         raise InvalidOptionError(
@@ -256,7 +257,7 @@ def explore_steps(
         draws = rng.spawn(1)[0]
         chosen = choose(setup, state, rng=draws)
         if isinstance(chosen, str):
-            yield replace(state, ended=chosen)
+            yield _ended(setup, state, chosen)
             return
         outcome = prober.probe(chosen.probe, chosen.obstacles)
         if setup.sensor is not None:
@@ -373,6 +374,15 @@ def _estimated(
             for rule in rules
         )
     return replace(state, estimated=estimated, surface=surface, is_new=is_new, rules=rules)
+
+
+def _ended(setup: ExplorationSetup, state: ExplorationState, reason: str) -> ExplorationState:
+    if not isinstance(setup.space, Region) or len(state.prior):
+        return replace(state, ended=reason)
+    space = setup.space.fitted_to(state.contacts)
+    points, radii = free_beyond(space, state.contacts, since_loss(state.outcomes))
+    free = replace(Contacts.empty(), free_points=points, free_radii=radii)
+    return replace(state, ended=reason, contacts=state.contacts.append(free))
 
 
 def sought_ends(setup: ExplorationSetup, state: ExplorationState) -> str:

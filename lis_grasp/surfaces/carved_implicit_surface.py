@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from lis_grasp.contacts import Contacts
+from lis_grasp.contacts import HALF_SPACE, Contacts
 from lis_grasp.records import short_repr
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.queries import flat_points, map_rows, require_range
@@ -169,7 +169,7 @@ def carved(
     values = surface.evaluate(centers)
     near = np.flatnonzero(values < _FAR * radii)
     places = centers[near, None] + radii[near, None, None] * _PLACES  # (B, 15, 3)
-    kept = near[(surface.evaluate(places) < 0.0).any(axis=1)]
+    kept = near[(surface.evaluate(places) < 0.0).any(axis=1) | (radii[near] > 0.5 * HALF_SPACE)]
     if not len(kept):
         return surface
     grown = _grown(radii, nearest, values, growth)

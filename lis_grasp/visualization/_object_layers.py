@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import trimesh
 
-from lis_grasp.contacts import Contacts
+from lis_grasp.contacts import HALF_SPACE, Contacts
 from lis_grasp.exploration.probe import since_loss
 from lis_grasp.geometry import apply_pose, inverse_pose, make_pose, tangent_frame
 from lis_grasp.typing import FloatArray
@@ -104,7 +104,7 @@ def draw_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
         many = f"{len(contacts)} contact{'s' if len(contacts) > 1 else ''}"
         canvas.layers.append(Layer("contacts", many, True, CONTACT_COLOUR, "measured positions"))
         canvas.layers.append(Layer("normals", "Normals", True, NORMAL_COLOUR, "measured normals"))
-    free = contacts.free_points
+    free = contacts.free_points[contacts.free_radii < HALF_SPACE]
     if len(free):
         shown = free[:: -(-len(free) // _MOST_FREE_POINTS)]
         at = make_pose(np.eye(3), shown)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from lis_grasp.contacts import Contacts
+from lis_grasp.contacts import HALF_SPACE, Contacts
 from lis_grasp.exploration import (
     Exploration,
     ExplorationSetup,
@@ -20,10 +20,11 @@ from lis_grasp.exploration.extent import ends_of, extent_probe, open_ends
 from lis_grasp.pipeline.stages import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
-from lis_grasp.surfaces import ESTIMATORS
+from lis_grasp.surfaces import ESTIMATORS, carved
 
 REGION = Region(tip_radius=0.004)
 X, Y, UP = np.eye(3)
+AXES = np.vstack([np.eye(3), -np.eye(3)])
 
 
 def touched(point: np.ndarray, normal: np.ndarray) -> ProbeOutcome:
@@ -45,14 +46,34 @@ def explored(mesh: trimesh.Trimesh, seed: int, touches: int = 8) -> Exploration:
     return explore(KinematicProber(Hand.load("allegro"), mesh), setup, rng=seed)
 
 
+def bar_on_table() -> trimesh.Trimesh:
+    bar = trimesh.creation.box((0.24, 0.03, 0.03))
+    return bar.apply_translation([0.0, 0.0, 0.015])
+
+
 @pytest.mark.parametrize("yaw", [0.0, 0.6, 2.1])
 def test_both_ends_of_a_bar_are_touched_first(yaw: float) -> None:
-    bar = trimesh.creation.box((0.24, 0.03, 0.03)).apply_translation([0.0, 0.0, 0.015])
+    bar = bar_on_table()
     turn = trimesh.transformations.rotation_matrix(yaw, UP)
     bar.apply_transform(turn)
     exploration = explored(bar, 1)
     # Eight touches a step apart on one side would reach over less: a step is at most 60 mm.
     assert np.ptp(exploration.contacts.points @ turn[:3, 0]) > 0.23
+
+
+def test_space_beyond_a_closed_end_is_free_and_carved_off_the_estimate() -> None:
+    exploration = explored(bar_on_table(), 1)
+    contacts = exploration.contacts
+    is_half_space = contacts.free_radii == HALF_SPACE
+    # Free space begins 3 mm beyond each end that a motion found, and beyond no contact.
+    assert 2 <= np.count_nonzero(is_half_space) <= 4
+    depths = HALF_SPACE - np.linalg.norm(
+        contacts.points[:, None] - contacts.free_points[is_half_space], axis=2
+    )
+    assert depths.max(axis=0) == pytest.approx(-0.003, abs=1e-9)
+    ball = ESTIMATORS["gpis"](Contacts(0.2 * np.vstack([np.eye(3), -np.eye(3)]), AXES))
+    outside = np.array([0.125, 0.0, 0.0])
+    assert ball.evaluate(outside) < 0.0 < carved(ball, contacts).evaluate(outside)
 
 
 def test_after_the_first_contact_height_and_far_side_are_probed_then_the_ends() -> None:
