@@ -1,9 +1,10 @@
 """Log odds that a contact contradicts all others: its normal has the wrong side, or it is a stray.
 
 The process of `gpis` predicts each contact from all others, in closed form (Rasmussen and Williams
-2006, section 5.4.2). Two kinds of evidence need no process: contacts of one sphere or plane mirror
-each other's normals (Hoppe et al. 1992, Surface reconstruction from unorganized points), and space
-where a hand was is outside.
+2006, section 5.4.2). Other evidence needs no process. Contacts of one sphere or plane mirror each
+other's normals (Hoppe et al. 1992, Surface reconstruction from unorganized points). A chord has the
+same angle to the normals at both ends, (n_i + n_j)^T (x_j - x_i) = 0, on spheres, cylinders and
+planes, and from one side of a plate to the other. Space where a hand was is outside.
 """
 
 from __future__ import annotations
@@ -26,8 +27,12 @@ from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 _KERNEL = Matern52(0.8)
 _MISFIT = (0.001, 0.1)
 
-# Degrees of freedom of Student's t of prediction errors, and the median of chi^2 of a contact.
-_DEGREES, _MEDIAN = 16.0, 3.357
+# Degrees of freedom of Student's t of prediction errors, the weight of its log odds, and the median
+# of chi^2 of a contact.
+_DEGREES, _PREDICTED, _MEDIAN = 16.0, 0.2, 3.357
+
+# Weight of the chords' log odds, the largest of one, and slopes that are none.
+_CHORD, _LARGEST_CHORD, _CHORD_MISFIT = 5.0, 4.0, 0.01
 
 # Heights below this, in extents, are neither above nor below a tangent plane.
 _LEVEL = 0.01
@@ -85,6 +90,7 @@ class Evidence:
     offsets: FloatArray  # (N, N, 3) from each contact to each, in extents
     distances: FloatArray  # (N, N), infinite from a contact to itself
     spacing: float
+    slopes: FloatArray  # (N, N): variance of the components of two normals along their chord
     outside: FloatArray  # (N, 3): direction of the free space at a contact, 0 where unknown
     inside: BoolArray  # (N,): whether it is inside of free space
     empty: BoolArray  # (N,): whether it is an empty row
@@ -104,6 +110,9 @@ class Evidence:
         distances = squareform(separations / scale)
         spacing = _spacing(distances)
         np.fill_diagonal(distances, np.inf)
+        heights = (position / scale) ** 2
+        chords = (heights[:, None] + heights) / distances**2
+        chords += _CHORD_MISFIT**2 + normal[:, None] ** 2 + normal**2
         outside, inside = _free_space(contacts, position, _TOUCHING * spacing * scale)
         return cls(
             targets=targets,
@@ -111,6 +120,7 @@ class Evidence:
             offsets=nodes[None] - nodes[:, None],
             distances=distances,
             spacing=spacing,
+            slopes=chords,
             outside=outside,
             inside=inside,
             empty=np.all(contacts.points == 0.0, axis=1),
@@ -130,6 +140,7 @@ class Evidence:
             offsets=self.offsets[among],
             distances=self.distances[among],
             spacing=self.spacing,
+            slopes=self.slopes[among],
             outside=self.outside[kept],
             inside=self.inside[kept],
             empty=self.empty[kept],
@@ -147,12 +158,14 @@ class Evidence:
         if_turned = np.einsum("ia,iab,ib->i", turned, own, turned)
         degrees = _DEGREES * np.median(np.minimum(as_given, if_turned)) / _MEDIAN
         flipped = np.log1p(as_given / degrees) - np.log1p(if_turned / degrees)
-        flipped *= 0.5 * (_DEGREES + ROWS)
+        flipped *= 0.5 * _PREDICTED * (_DEGREES + ROWS)
 
         heights = self._heights()
         above = (heights > _LEVEL).sum(axis=1)
         level = above + (heights < -_LEVEL).sum(axis=1)
-        mirrored = np.einsum("ij,ij->i", *self.mirrored())
+        pairs, chords, weights = self.pairs()
+        mirrored = np.einsum("ij,ij->i", pairs, weights)
+        flipped -= _CHORD * np.einsum("ij,ij->i", chords, weights)
         flipped += _exchange_odds(above / np.maximum(level, 1))
         flipped += _exchange_odds(0.5 + 0.5 * mirrored)
         flipped -= _FROM_OUTSIDE * np.sum(self.outside * normals, axis=1)
@@ -164,25 +177,27 @@ class Evidence:
         stray += _STRAY[2] * mirrored + _STRAY[3] + _INSIDE * self.inside + _EMPTY * self.empty
         return flipped, stray
 
-    def mirrored(self) -> tuple[FloatArray, FloatArray]:
-        """Return n_i^T (I - 2 r r^T) n_j, r from i to j, and weights by distance, each (N, N).
+    def pairs(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return two measures of pairs that change their sign with a normal, and weights, (N, N).
 
-        It is 1 on spheres, on planes and across right edges, and changes its sign with a normal.
-        The weights of a row sum to 1.
+        The first, n_i^T (I - 2 r r^T) n_j with r from i to j, is 1 on spheres, on planes and across
+        right edges. The second is the log odds that (n_i + n_j)^T r is 0 and (n_i - n_j)^T r is
+        not, as on spheres, cylinders, and both sides of a plate. The weights of a row sum to 1.
         """
         normals = self.targets[:, 1:]
-        heights = self._heights()
+        slopes = self._heights() / self.distances
+        pairs = 2.0 * slopes * slopes.T + normals @ normals.T
+        plus, minus = ((slopes + sign * slopes.T) ** 2 for sign in (1.0, -1.0))
+        chords = np.log((self.slopes + plus) / (self.slopes + minus)) / _LARGEST_CHORD
         weights = np.exp(-0.5 * (self.distances / self.spacing) ** 2) + _FAR_WEIGHT
         np.fill_diagonal(weights, 0.0)
-        pairs = heights * heights.T
-        pairs *= 2.0 / np.maximum(self.distances, _FAR_WEIGHT) ** 2
-        pairs += normals @ normals.T
-        return pairs, weights / weights.sum(axis=1, keepdims=True)
+        chords = _LARGEST_CHORD * np.tanh(chords)
+        return pairs, chords, weights / weights.sum(axis=1, keepdims=True)
 
     def most_mirrored(self, i: int) -> float:
         """Return how well the best of some neighbours mirrors a contact's normal, on any side."""
         near = np.argsort(self.distances[i])[:_MIRRORS]
-        return float(np.abs(self.mirrored()[0][i, near]).max())
+        return float(np.abs(self.pairs()[0][i, near]).max())
 
     def _heights(self) -> FloatArray:
         """Return the height of each contact above the tangent plane of each, (N, N)."""

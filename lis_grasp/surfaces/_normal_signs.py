@@ -15,13 +15,13 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces._contact_evidence import Evidence, groups_of
 from lis_grasp.typing import FloatArray, IndexArray
 
-LEAST_MARGIN = 2.0
+LEAST_MARGIN = 1.6
 """Difference of energies to other signs from which signs are known."""
 
-# Weight of the mirrored neighbours, and of free space at a contact.
-_MIRRORED, _FREE_SPACE = 2.0, 3.0
-# Another solution differs in this fraction of signs at least, and is searched for from so many.
-_OTHER, _STARTS = 0.1, 4
+# Weights of mirrored neighbours, of chords, and of free space at a contact.
+_MIRRORED, _CHORDS, _FREE_SPACE = 3.0, 6.0, 10.0
+# Fraction of the increase for one other sign.
+_OF_ONE = 0.25
 # Least decrease of a flip.
 _LEAST = 1e-9
 
@@ -57,14 +57,14 @@ class NormalSigns:
         """Return the energy of signs of contacts, relative to their normals."""
         normals = evidence.targets[:, 1:]
         slopes = np.einsum("ia,iajb->ijb", normals, evidence.precision[:, 1:], optimize=True)
-        pairs, weights = evidence.mirrored()
-        mirrored = pairs * weights
+        pairs, chords, weights = evidence.pairs()
+        mirrored = (_MIRRORED * pairs + _CHORDS * chords) * weights
         from_middle = evidence.offsets[0] - np.median(evidence.offsets[0], axis=0)
         return cls(
             couplings=np.einsum("ija,ja->ij", slopes[:, :, 1:], normals),
             field=-slopes[:, :, 0].sum(axis=1),
             constant=float(evidence.precision[:, 0, :, 0].sum()),
-            mirrored=0.5 * _MIRRORED * (mirrored + mirrored.T),
+            mirrored=0.5 * (mirrored + mirrored.T),
             outward=np.where(np.sum(from_middle * normals, axis=1) < 0.0, -1.0, 1.0),
             bias=0.5 * _FREE_SPACE * np.sum(evidence.outside * normals, axis=1),
         )
@@ -76,24 +76,17 @@ class NormalSigns:
         return float(2.0 * len(signs) * np.log(quadratic) - others)
 
     def likeliest(self) -> tuple[FloatArray, float]:
-        """Return the likeliest signs (N,), and how much larger F is of the best other ones.
+        """Return the likeliest signs (N,), and their margin.
 
-        Others differ in a tenth of the signs at least.
+        It is how much larger F is of the opposite signs, or a fraction of that for another sign of
+        any one contact.
         """
         merged, groups = self._merged()
         found = [self._descend(start, groups) for start in (self.outward, merged, -merged)]
         found.append(self._descend(-min(found, key=self.energy), groups))
         best = min(found, key=self.energy)
-        exchanged = []
-        for group in groups:
-            signs = best.copy()
-            signs[group] *= -1.0
-            if _OTHER < len(group) / len(best) < 1.0 - _OTHER:
-                exchanged.append(signs)
-        exchanged = sorted(exchanged, key=self.energy)[:_STARTS]
-        found += [-best, *(self._descend(signs, []) for signs in exchanged)]
-        others = [self.energy(signs) for signs in found if np.mean(signs != best) > _OTHER]
-        return best, min(others) - self.energy(best)
+        single = min(map(self.energy, best - 2.0 * np.diag(best))) - self.energy(best)
+        return best, min(self.energy(-best) - self.energy(best), _OF_ONE * single)
 
     def _descend(self, signs: FloatArray, groups: list[IndexArray]) -> FloatArray:
         """Return signs that no flip of a contact or group improves."""
