@@ -19,6 +19,7 @@ from lis_grasp.geometry import tangent_frame
 from lis_grasp.io.contact_files import read_point_file
 from lis_grasp.io.units import in_metres, require_plausible_size
 from lis_grasp.surfaces._contact_noise import filled
+from lis_grasp.surfaces.contact_preparation import with_approach
 from lis_grasp.surfaces.contact_verdicts import orient_normals
 from lis_grasp.surfaces.normal_estimation import estimate_normals
 from lis_grasp.surfaces.queries import require_range
@@ -137,7 +138,8 @@ def load_contacts(
         metres; other arguments are in metres.
     normals
         Side that the file's normals point to; "inward" ones are flipped, "unsigned" ones have the
-        signs that make all contacts together likeliest (`orient_normals`). None requires that they
+        signs that make all contacts together likeliest (`orient_normals`), given directions of
+        approach in the file, if there are. None requires that they
         point outward as far as the contacts show it.
     viewpoint
         Place of the sensor that the file's normals point to [m], shape (3,); None if unknown.
@@ -190,6 +192,8 @@ def load_contacts(
             kept = {name: fields[name] for name in ("forces", "times", "fingers") if name in fields}
             return replace(estimated, **kept, position_noise=own)
         contacts = Contacts(**fields, normals=own_normals)
+        if approach is not None:
+            contacts = with_approach(contacts, approach)
         if viewpoint is not None or normals == "unsigned":
             contacts = orient_normals(contacts, viewpoint=viewpoint, position_noise=position_noise)
         elif normals is None:

@@ -42,6 +42,9 @@ _MOST_BAD = 0.25
 _SAME_PLACE = 1e-3
 _SAME_NORMAL = np.cos(np.deg2rad(15.0))
 
+# A fingertip was outside so far before its contact, in extents.
+_BEFORE = 1e-3
+
 # Two touches of one place are rarely more than this many standard deviations of a position apart.
 _NOISE_REACH = 6.0
 
@@ -167,6 +170,22 @@ def in_free_space_of(contacts: Contacts, merged: Contacts) -> Contacts:
     """Return merged contacts with the free space of those that they were merged from."""
     free = contacts.free_points, contacts.free_radii
     return replace(merged, free_points=free[0], free_radii=free[1])
+
+
+def with_approach(contacts: Contacts, approach: FloatArray) -> Contacts:
+    """Return contacts with free space where the fingertip was just before each of them.
+
+    `approach` (N, 3) are the directions of its motion, of any length, 0 where unknown. The free
+    points are evidence for the sides of normals (`judge_contacts`, `orient_normals`).
+    """
+    lengths = np.linalg.norm(approach, axis=1)
+    known = np.flatnonzero(lengths > 0.0)
+    back = _BEFORE * contacts.extent / lengths[known, None] * approach[known]
+    return replace(
+        contacts,
+        free_points=np.vstack([contacts.free_points, contacts.points[known] - back]),
+        free_radii=np.concatenate([contacts.free_radii, np.zeros(len(known))]),
+    )
 
 
 def with_noise(

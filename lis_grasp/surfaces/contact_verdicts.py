@@ -229,7 +229,7 @@ def orient_normals(
             raise EstimationError(
                 "the contacts do not show on which side of each normal is outside: other sides are"
                 " about as likely. Give the place of the sensor (`viewpoint` X Y Z), directions of"
-                " approach (columns ax,ay,az, without normals), or contacts on more sides"
+                " approach (columns ax,ay,az), or contacts on more sides"
             )
     return replace(contacts, normals=signs[:, None] * contacts.normals)
 

@@ -17,6 +17,7 @@ from lis_grasp.exceptions import EstimationError, LisGraspError
 from lis_grasp.io.json_lines import Row
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.surfaces import ESTIMATORS, judge_contacts, orient_normals
+from lis_grasp.surfaces.contact_preparation import with_approach
 from lis_grasp.typing import FloatArray, IndexArray
 from lis_grasp_studies.contact_study.contact_sets import ContactCase, ContactSet, contact_set
 from lis_grasp_studies.contact_study.score import EXPLORED
@@ -48,6 +49,8 @@ LIES: Mapping[str, tuple[float, float, float]] = MappingProxyType(
         "empty row": (0, 0, 0),
         "5 % flips, 5 % strays": (0.05, 0.05, 0),
         "unsigned": (0.5, 0, 0),
+        "unsigned, approach": (0.5, 0, 0),
+        "10 % flips, approach": (0.1, 0, 0),
     }
 )
 """Fractions of flips and of strays, and the distance of one stray in sizes, by the kind of lie."""
@@ -108,9 +111,13 @@ def measure(trial: LieTrial, kind: str) -> Row:
     """Return the verdicts on a set with lies of a kind, and the ratios of errors to the truth's."""
     data, true = _true_set(trial)
     key = [trial.seed, crc32(f"{trial.shape} {trial.draw} {trial.count} {kind}".encode())]
-    told, codes = tell(true, kind, rng=np.random.default_rng(key))
+    rng = np.random.default_rng(key)
+    told, codes = tell(true, kind, rng=rng)
     row: Row = {"family": data.family, "bad": int(np.count_nonzero(codes))}
-    if kind == "unsigned":
+    if kind.endswith("approach"):
+        true_normals = np.where(codes == FLIPPED, -1.0, 1.0)[:, None] * told.normals
+        told = with_approach(told, _motions(true_normals, rng))
+    if kind.startswith("unsigned"):
         try:
             signed = orient_normals(told)
         except EstimationError:
@@ -176,6 +183,12 @@ def _score(contacts: Contacts, data: ContactSet, estimator: str) -> tuple[float,
     off = np.abs(surface.evaluate(points))
     within = float(np.mean(off <= 1.96 * surface.uncertainty(points)))
     return max(error.rmsd, error.rmsd_truth_to_estimate), within
+
+
+def _motions(normals: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return directions (N, 3) of motions that end at normals (N, 3), by the cosine law."""
+    motions = np.array([_direction(rng) for _ in normals]) - (1.0 + 1e-9) * normals
+    return np.asarray(motions / np.linalg.norm(motions, axis=1, keepdims=True))
 
 
 def _direction(rng: np.random.Generator) -> FloatArray:
