@@ -16,9 +16,9 @@ SOUND, FLIPPED, WRONG_NORMAL, STRAY = range(4)
 
 # Log odds from which a normal is turned, more of noisy normals [1/rad], and of few contacts. From
 # which a contact is left out, if there are not few.
-_TURN, _TURN_NOISY, _TURN_FEW, _LEAVE_OUT = 6.0, 16.0, 4.0, 8.0
+_TURN, _TURN_NOISY, _TURN_FEW, _LEAVE_OUT = 5.5, 16.0, 4.0, 8.0
 _FEW = 20
-# It is lower once normals were turned: by this factor times the logarithm of their number plus 1.
+# It is lower once several were turned: by this factor times the logarithm of their number.
 _FOUND = 2.0
 # Both are higher for more contacts: by this factor times the logarithm of their number in hundreds.
 _MANY = 2.0
@@ -80,7 +80,7 @@ class _Search:
             stray -= np.where(self._evidence.empty, _LEAVE_OUT, self._leave_out)
             as_measured = np.where(turned, -flipped, flipped) - turn
             self.odds[self._kept] = np.maximum(as_measured, stray)
-            flipped -= np.where(turned, 0.0, turn - _FOUND * np.log1p(turned.sum()))
+            flipped -= np.where(turned, 0.0, turn - _FOUND * np.log(max(turned.sum(), 1)))
             flipped[turns[self._kept] > 1] = -np.inf
             worst = int(np.argmax(np.maximum(flipped, stray)))
             bad = np.mean(self.verdicts != SOUND)

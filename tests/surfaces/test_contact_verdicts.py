@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,13 +16,16 @@ from lis_grasp.exceptions import (
     InvalidContactsError,
     TooManyBadContactsError,
 )
+from lis_grasp.geometry import unit
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.surfaces import (
     BlendedImplicitSurface,
     GaussianProcessImplicitSurface,
     judge_contacts,
+    load_contacts,
     orient_normals,
 )
+from lis_grasp.surfaces._contact_evidence import Evidence
 from lis_grasp_studies.contact_study.contact_sets import ContactCase, contact_set
 
 BOX = trimesh.creation.box(extents=[0.06, 0.05, 0.04])
@@ -145,6 +149,50 @@ def test_sound_contacts_of_thin_and_deep_shapes_are_believed(shape: str, case: C
     verdicts = judge_contacts(contacts)
     assert not verdicts.bad.any()
     assert verdicts.sentence() == ""
+
+
+@pytest.mark.parametrize("surface", ["ball", "cylinder", "plate"])
+def test_chords_of_balls_cylinders_and_plates_favour_the_true_signs(surface: str) -> None:
+    rng = np.random.default_rng(4)
+    points = rng.uniform(-1.0, 1.0, (30, 3)) * [0.05, 0.05, 0.03]
+    if surface == "plate":
+        normals = np.tile([0.0, 0.0, 1.0], (30, 1))
+        normals[15:] *= -1.0
+        points[:, 2] = 0.001 * normals[:, 2]
+    else:
+        normals = unit(points * ([1.0, 1.0, 1.0] if surface == "ball" else [1.0, 1.0, 0.0]))
+        points = 0.03 * normals + (points * [0.0, 0.0, 1.0] if surface == "cylinder" else 0.0)
+    evidence = Evidence.of(Contacts(points, normals), np.zeros(30), np.zeros(30))
+    chords = evidence.pairs()[1]
+    assert chords.min() > -1e-9
+    evidence.targets[7, 1:] *= -1.0
+    np.testing.assert_allclose(np.delete(evidence.pairs()[1][7], 7), -np.delete(chords[7], 7))
+
+
+@pytest.mark.parametrize(("shape", "draw"), [("dish", "even"), ("hook", "random")])
+def test_nearly_any_flipped_normal_beside_thin_walls_is_found(shape: str, draw: str) -> None:
+    sheet = contact_set(shape, ContactCase(draw, 40), seed=5).exact
+    found = 0
+    for row in range(len(sheet)):
+        signs = np.where(np.arange(len(sheet)) == row, -1.0, 1.0)[:, None]
+        wrong = replace(sheet, normals=signs * sheet.normals)
+        found += judge_contacts(wrong).rows("flipped").tolist() == [row]
+    assert found >= 0.9 * len(sheet)
+
+
+def test_directions_of_approach_show_the_sides_of_a_tube(tmp_path: Path) -> None:
+    tube = contact_set("hollow_cylinder", ContactCase("even", 40), seed=5).exact
+    rng = np.random.default_rng(6)
+    motions = unit(unit(rng.normal(size=(40, 3))) - tube.normals)  # the cosine law
+    signs = np.where(rng.random(40) < 0.5, -1.0, 1.0)[:, None]
+    rows = np.hstack([tube.points, signs * tube.normals, motions])
+    for name, columns in (("bare.csv", 6), ("approached.csv", 9)):
+        header = ",".join(["x", "y", "z", "nx", "ny", "nz", "ax", "ay", "az"][:columns])
+        np.savetxt(tmp_path / name, rows[:, :columns], "%.12g", ",", header=header, comments="")
+    with pytest.raises(EstimationError, match="approach"):
+        load_contacts(tmp_path / "bare.csv", normals="unsigned")
+    signed = load_contacts(tmp_path / "approached.csv", normals="unsigned")
+    np.testing.assert_allclose(signed.normals, tube.normals, atol=1e-9)
 
 
 def test_verdicts_follow_units_order_and_rigid_motions() -> None:
