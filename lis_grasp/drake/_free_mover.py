@@ -66,7 +66,7 @@ class FreeMover:
         if isinstance(approach, str):
             return approach
         q = approach.posture.joint_positions
-        X_EH, q_before = self._end(before)
+        X_EH, q_before = self._at(before, before.duration)
         points = self._planner.points(q_before, q)
         way = transit(X_EH, approach.X_OH_outside, points, obstacles.space)
         if way is None:
@@ -93,9 +93,6 @@ class FreeMover:
         times = [time, *(t for t in (motion.slow, motion.guarded) if t < time)]
         knots = [self._at(motion, t) for t in times]
         return self._along(knots, [TRANSIT_SPEED] * (len(knots) - 1))
-
-    def _end(self, motion: HandMotion) -> tuple[FloatArray, FloatArray]:
-        return self._at(motion, motion.duration)
 
     def _at(self, motion: HandMotion, time: float) -> tuple[FloatArray, FloatArray]:
         X_WG, q = motion.X_WG(time).GetAsMatrix4(), motion.joints.value(time)[:, 0]

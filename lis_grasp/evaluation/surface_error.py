@@ -140,7 +140,7 @@ def surface_error(
     def is_explored(points: FloatArray) -> BoolArray:
         if contacts is None or explored_radius is None:
             return np.ones(len(points), dtype=bool)
-        return _are_near(points, contacts, explored_radius)
+        return np.asarray(cKDTree(contacts.points).query(points)[0] <= explored_radius)
 
     on_estimate, estimate_faces = sample_mesh(estimate, samples)
     on_truth, _ = sample_mesh(true_mesh, samples)
@@ -163,11 +163,11 @@ def surface_error(
         true_mesh.face_normals[true_faces],
     )
     on_edges = sample_segments(edges, samples) if len(edges) else np.empty((0, 3))
-    on_edges = on_edges[is_explored(on_edges)]
+    to_edges, _ = distances_to_mesh(on_edges[is_explored(on_edges)], estimate)
     return SurfaceError(
         rmsd=_root_mean_square(to_truth),
         rmsd_truth_to_estimate=_root_mean_square(to_estimate),
-        edge_rmsd=_edge_rmsd(on_edges, estimate),
+        edge_rmsd=_root_mean_square(to_edges) if len(to_edges) else None,
         hausdorff_95=float(max(np.quantile(d, 0.95) for d in (to_truth, to_estimate))),
         chamfer=0.5 * float(to_truth.mean() + to_estimate.mean()),
         f_score_1mm=_f_score(to_truth, to_estimate, 0.001),
@@ -178,10 +178,6 @@ def surface_error(
         coverage=float(covered.mean()),
         explored_radius=explored_radius if explored_radius is None else float(explored_radius),
     )
-
-
-def _edge_rmsd(points: FloatArray, estimate: trimesh.Trimesh) -> float | None:
-    return _root_mean_square(distances_to_mesh(points, estimate)[0]) if len(points) else None
 
 
 def _f_score(to_truth: FloatArray, to_estimate: FloatArray, threshold: float) -> float:
@@ -195,13 +191,6 @@ def _intersection_over_union(estimate: trimesh.Trimesh, truth: trimesh.Trimesh) 
         return None
     both, either = (first ^ second).volume(), (first + second).volume()
     return float(both / either)
-
-
-def _are_near(points: FloatArray, contacts: Contacts, radius: float) -> BoolArray:
-    if not len(contacts):
-        return np.zeros(len(points), dtype=bool)
-    distances, _ = cKDTree(contacts.points).query(points)
-    return np.asarray(distances <= radius)
 
 
 def _root_mean_square(values: FloatArray) -> float:

@@ -86,7 +86,4 @@ def _is_reachable(
 
 
 def _covered(points: FloatArray, normals: FloatArray, contacts: Contacts, radius: float) -> float:
-    if not len(contacts):
-        return 0.0
-    nearest = gaps(points, normals, contacts)
-    return float(np.mean(nearest <= radius))
+    return float(np.mean(gaps(points, normals, contacts) <= radius))

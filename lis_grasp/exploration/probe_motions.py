@@ -205,8 +205,6 @@ def _bridged_points(
     the contacts' convex hull, because the estimate is extrapolated outside.
     """
     points, directions = _tip_path(outcomes[-_RECENT:], step)
-    if not len(points):
-        return points, directions
     hull = ContactHull.of(contacts)
     if hull is None:
         return points[:0], directions[:0]

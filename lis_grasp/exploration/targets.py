@@ -118,17 +118,12 @@ class Targets:
         eligible &= ~_starts_blocked(candidates.targets, away, space.step, outcomes)
         misses = sum(outcome.status == "missed" for outcome in outcomes)
         if misses >= _MISSES * len(contacts):  # most surface beside the hull is extrapolated
-            beside = _BESIDE_LONG if flat and _is_long(contacts) else _BESIDE
+            _, width, length = box_lengths(contacts.points)
+            beside = _BESIDE_LONG if flat and length > _LONG * width else _BESIDE
             eligible &= _meets_hull(points, normals, contacts, beside * space.step)
         seconds = seconds_to_touch(points, normals, space, outcomes)
         near = (apart < space.step).sum(axis=0)
         return cls(points, normals, nearest, eligible, space.step, seconds, touchable, near)
-
-
-def _is_long(contacts: Contacts) -> bool:
-    """Return whether the contacts' box along their principal axes is far longer than wide."""
-    _, width, length = box_lengths(contacts.points)
-    return bool(length > _LONG * width)
 
 
 def _meets_hull(
@@ -155,7 +150,7 @@ def gaps(
     """
     distances = cdist(points, contacts.points)  # (P, N)
     distances[normals @ contacts.normals.T < least_cosine] = np.inf
-    return np.asarray(distances.min(axis=1))
+    return np.asarray(distances.min(axis=1, initial=np.inf))
 
 
 def _tried(

@@ -65,7 +65,8 @@ class TouchLog:
             if header.get(name) != ours.get(name)
         }
         probes = [] if changes else [row for row in rows if _END not in row]
-        return Recording(_outcomes(self.path, probes), _ending(rows), changes)
+        ending = next((str(row[_END]) for row in rows if _END in row), None)
+        return Recording(_outcomes(self.path, probes), ending, changes)
 
     def resume(self) -> tuple[ProbeOutcome, ...]:
         """Return the outcomes of an exploration with the same facts, interrupted or finished.
@@ -115,10 +116,6 @@ def read_log(path: Path) -> tuple[Row, tuple[ProbeOutcome, ...]]:
             path=path,
         )
     return header, _outcomes(path, [row for row in rows if _END not in row])
-
-
-def _ending(rows: list[Row]) -> str | None:
-    return next((str(row[_END]) for row in rows if _END in row), None)
 
 
 def _row(outcome: ProbeOutcome) -> Row:

@@ -271,8 +271,6 @@ def sample_zero_level_set(
         ends = grid[first], grid[second], values[first], values[second]
         edges.append([end[crossing] for end in ends])
     low, high, f_low, f_high = (np.concatenate(ends) for ends in zip(*edges, strict=True))
-    if not len(low):
-        return np.empty((0, 3)), np.empty((0, 3))
     points = _roots(surface, low, high, f_low, f_high)
     gradients = surface.gradient(points)
     steepness = np.linalg.norm(gradients, axis=1)

@@ -137,15 +137,13 @@ def default_output(config: RunConfig) -> Path:
 
 def require_own(path: Path) -> None:
     """Raise `InvalidFileError` if a file exists that this package did not write."""
-    if path.exists() and not (read_facts(path) or _is_report(path)):
+    if not path.exists() or read_facts(path):
+        return
+    if path.name != "report.json" or b'"version"' not in path.read_bytes():
         raise InvalidFileError(
             f"{path} would be replaced, and is not a file of lis_grasp: name another by `folder`",
             path=path,
         )
-
-
-def _is_report(path: Path) -> bool:
-    return path.name == "report.json" and b'"version"' in path.read_bytes()
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -103,16 +103,11 @@ def _recorded(log: Path) -> tuple[Mapping[str, Any], tuple[ProbeOutcome, ...] | 
 def _search(outcomes: tuple[ProbeOutcome, ...] | None, facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return the region, the recorded search in it and the object's motion, as far as recorded."""
     recorded = outcomes or ()
-    moved = {"moved": recorded}
     if facts.get("region") is None:
-        return moved
-    return {**moved, "region": Region(facts["region"]), "search": _search_of(recorded)}
-
-
-def _search_of(outcomes: Sequence[ProbeOutcome]) -> tuple[ProbeOutcome, ...]:
-    """Return the outcomes up to the first with a contact; all of them if there is none."""
-    touched = (k for k, outcome in enumerate(outcomes) if len(outcome.contacts))
-    return tuple(outcomes[: next(touched, len(outcomes)) + 1])
+        return {"moved": recorded}
+    touched = (k for k, outcome in enumerate(recorded) if len(outcome.contacts))
+    search = recorded[: next(touched, len(recorded)) + 1]  # up to the first contact
+    return {"moved": recorded, "region": Region(facts["region"]), "search": search}
 
 
 def _touches(

@@ -136,7 +136,8 @@ class _Builder:
             repair.add(joint.child)
             inertials[joint.child] = replace(inertials[joint.child], mass=LEAST_MASS)
         for link in repair:
-            placed = [_in_link(body) for body in bodies if body.link == link]
+            of_link = [body for body in bodies if body.link == link]
+            placed = [body.mesh.copy().apply_transform(body.X_LG) for body in of_link]
             inertials[link] = repaired_inertial(link_inertial(self._links[link]), placed)
         return inertials
 
@@ -295,10 +296,6 @@ def _massless(inertials: Mapping[str, Inertial], joints: Sequence[Joint]) -> lis
         elif masses[joint.child] <= 0.0:
             found.append(joint)
     return found
-
-
-def _in_link(body: LinkGeometry) -> trimesh.Trimesh:
-    return body.mesh.copy().apply_transform(body.X_LG)
 
 
 def unit_axis(joint: Any) -> FloatArray:

@@ -84,24 +84,16 @@ class HandCollisionChecker:
         self._index = {id(shape): i for i, shape in enumerate(shapes)}
         self._pads = hand.pad_links
 
-    def first_collision(
-        self, X_OH: FloatArray, q: FloatArray, *, pads_may_touch: bool = False
-    ) -> str | None:
-        """Return the first collision, None if there is none.
-
-        It is ``"support"``, ``"obstacle"``, ``"object"`` or ``"self"``.
-
-        `X_OH` is the pose of the palm in O, shape (4, 4), or poses along a path, (W, 4, 4); `q` are
-        the joint positions, (J,). With `pads_may_touch` the links that carry pads may touch the
-        object, and nothing else.
-        """
-        path = X_OH.reshape(1, -1, 4, 4)
-        return self.first_collisions(path, q[None], pads_may_touch=pads_may_touch)[0]
-
     def first_collisions(
         self, paths: FloatArray, q: FloatArray, *, pads_may_touch: bool = False
     ) -> list[str | None]:
-        """Return `first_collision` on each of N paths (N, W, 4, 4) at joint positions (N, J)."""
+        """Return the first collision on each of N paths, None if there is none.
+
+        It is ``"support"``, ``"obstacle"``, ``"object"`` or ``"self"``.
+
+        `paths` (N, W, 4, 4) are poses of the palm in O, `q` (N, J) joint positions. With
+        `pads_may_touch` the links that carry pads may touch the object, and nothing else.
+        """
         poses = self.poses_in_hand(q)  # (N, G, 4, 4)
         heights = self.lowest(paths[:, :, None] @ poses[:, None])  # (N, W)
         return [
@@ -119,12 +111,8 @@ class HandCollisionChecker:
             hits.append(any(self._hits_obstacle(X, poses) for X in path))
         return np.array(hits, dtype=bool)
 
-    def touches_object(self, X_OH: FloatArray, q: FloatArray) -> bool:
-        """Return whether any link touches the object or is inside it."""
-        return bool(self.touch_object(X_OH[None], q[None])[0])
-
     def touch_object(self, X_OH: FloatArray, q: FloatArray) -> BoolArray:
-        """Return `touches_object` of N postures, (N, 4, 4) and (N, J)."""
+        """Return which of N postures, (N, 4, 4) and (N, J), touch the object or are inside it."""
         each = zip(X_OH, self.poses_in_hand(q), strict=True)
         touching = [
             self._touches_object(X, self._pose(poses), pads_may_touch=False) for X, poses in each

@@ -315,15 +315,12 @@ class GradientRegression:
         (K + noise)^-1 (Rasmussen and Williams 2006, eqs. 5.10 to 5.12, for blocks instead of single
         rows). The covariance includes the noise.
         """
-        inverse = self._inverse_factor()
+        # L^-1 of K + noise = L L^T.
+        identity = np.eye(len(self.cholesky))
+        inverse = solve_triangular(self.cholesky, identity, lower=True, check_finite=False)
         for group in np.unique(groups):
             members = np.flatnonzero(groups == group)
             columns = inverse[:, (ROWS * members[:, None] + np.arange(ROWS)).ravel()]
             covariance = np.asarray(np.linalg.inv(columns.T @ columns), np.float64)
             residuals = covariance @ self.weights[members].ravel()
             yield members, residuals.reshape(-1, ROWS), covariance
-
-    def _inverse_factor(self) -> FloatArray:
-        """Return L^-1 of K + noise = L L^T, shape (4N, 4N)."""
-        identity = np.eye(len(self.cholesky))
-        return solve_triangular(self.cholesky, identity, lower=True, check_finite=False)

@@ -184,13 +184,8 @@ def depths_in_free_space(
     The free space is that which `carved` removes from the estimate. Outside of it the depth is
     negative, and -inf far from it.
     """
-    depths = np.full(len(points), -np.inf)
-    if not len(points):
-        return depths
-    low, high = points.min(axis=0), points.max(axis=0)
-    centers, radii, nearest = _free_balls(contacts, np.array([low, high]), 0.0)
-    if not len(centers):
-        return depths
+    bounds = np.array([points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)])
+    centers, radii, nearest = _free_balls(contacts, bounds, 0.0)
     distances, _ = cKDTree(points).query(centers)
     near = distances < np.maximum(radii, _largest(radii, nearest))
     centers, radii, nearest = centers[near], radii[near], nearest[near]
@@ -210,7 +205,7 @@ def _free_balls(
     overlaps = (radii > 0.0) & np.all(centers + radii[:, None] > low, axis=1)
     overlaps &= np.all(centers - radii[:, None] < high, axis=1)
     centers, radii = centers[overlaps], radii[overlaps]
-    nearest = _nearest_contact_distances(contacts, centers)
+    nearest, _ = cKDTree(contacts.points).query(centers)
     return centers, np.minimum(radii, nearest), nearest
 
 
@@ -222,12 +217,6 @@ def _largest(radii: FloatArray, nearest: FloatArray) -> FloatArray:
 def _grown(radii: FloatArray, nearest: FloatArray, values: FloatArray, growth: float) -> FloatArray:
     """Return the radii of balls that grow by the depth of their centres inside the estimate."""
     return np.maximum(radii, np.minimum(radii - growth * values, _largest(radii, nearest)))
-
-
-def _nearest_contact_distances(contacts: Contacts, centers: FloatArray) -> FloatArray:
-    if not len(contacts) or not len(centers):
-        return np.full(len(centers), np.inf)
-    return np.asarray(cKDTree(contacts.points).query(centers)[0])
 
 
 def above_table(surface: ImplicitSurface, height: float | None) -> ImplicitSurface:

@@ -35,7 +35,8 @@ def hand_page(hand: Hand, *, summary: tuple[str, ...] = ()) -> str:
     purple ones the leading spheres of the probe postures.
     """
     canvas = Canvas()
-    X_OH = _approach_down(hand)
+    turn = trimesh.geometry.align_vectors(hand.approach_H, [0.0, 0.0, -1.0])
+    X_OH = make_pose(turn[:3, :3])
     postures = [(f"pregrasp {name}", q) for name, q in hand.pregrasps.items()]
     postures += [(f"probe posture {f}", p.joint_positions) for f, p in hand.probe_postures.items()]
     draw_hand(canvas, hand)
@@ -71,12 +72,6 @@ def hand_page(hand: Hand, *, summary: tuple[str, ...] = ()) -> str:
         title, summary, layers=canvas.layers, scale=None, grid=grid, story=story, postures=True
     )
     return build_page(title, canvas, overlay=overlay, scene=facts)
-
-
-def _approach_down(hand: Hand) -> FloatArray:
-    """Return a pose of H with its approach downwards."""
-    turn = trimesh.geometry.align_vectors(hand.approach_H, [0.0, 0.0, -1.0])
-    return make_pose(turn[:3, :3])
 
 
 def _draw_marks(canvas: Canvas, hand: Hand) -> None:

@@ -38,8 +38,8 @@ def _plan(hand: Hand, mesh: trimesh.Trimesh, candidates: int = 2000) -> GraspSea
 def _assert_clear(hand: Hand, mesh: trimesh.Trimesh, search: GraspSearch) -> None:
     checker = HandCollisionChecker(hand, mesh, support_height=0.0, clearance=0.0)
     for grasp in search.grasps:
-        posture = grasp.joint_positions
-        assert checker.first_collision(grasp.X_OH, posture, pads_may_touch=True) is None
+        X_OH, q = grasp.X_OH[None, None], grasp.joint_positions[None]
+        assert checker.first_collisions(X_OH, q, pads_may_touch=True) == [None]
         np.testing.assert_array_less(0.0, grasp.contact_points[:, 2])
 
 

@@ -90,12 +90,10 @@ def test_no_link_collides_at_the_grasp_or_on_the_approach(box_search: GraspSearc
     mesh = shapes.build("box").mesh
     checker = HandCollisionChecker(ALLEGRO, mesh, support_height=float(mesh.bounds[0, 2]))
     for grasp in box_search.grasps:
-        closed = checker.first_collision(grasp.X_OH, grasp.joint_positions, pads_may_touch=True)
-        assert closed is None
-        for back in np.linspace(0.0, 0.1, 5):
-            X_OH = grasp.X_OH.copy()
-            X_OH[:3, 3] -= back * grasp.approach_O
-            assert checker.first_collision(X_OH, grasp.pregrasp_positions) is None
+        path, q = np.tile(grasp.X_OH, (1, 5, 1, 1)), grasp.joint_positions[None]
+        assert checker.first_collisions(path[:, :1], q, pads_may_touch=True) == [None]
+        path[0, :, :3, 3] -= np.linspace(0.0, 0.1, 5)[:, None] * grasp.approach_O
+        assert checker.first_collisions(path, grasp.pregrasp_positions[None]) == [None]
 
 
 def test_no_pad_is_pressed_into_the_surface_by_a_millimetre(box_search: GraspSearch) -> None:

@@ -153,13 +153,13 @@ def test_the_whole_hand_is_collision_free_up_to_the_touch(hand: Hand, from_outsi
         for leg in course.legs:  # where the probe's motion begins, the whole approach is free
             for part in np.linspace(0.0, 0.999, 7):
                 moved[:3, 3] = part * leg.length * leg.direction
-                assert not oracle.touches_object(moved @ leg.X_OH, q)
+                assert not oracle.touch_object((moved @ leg.X_OH)[None], q[None])[0]
         on_approach += len(course.legs) == 1
         if course.touched is not None:
             touched += 1
             # Beyond the 0.02 mm at which it counts as touching; a graze at 40 degrees needs more.
             moved[:3, 3] = (last.length + 2e-4) * last.direction
-            assert oracle.touches_object(moved @ last.X_OH, q)
+            assert oracle.touch_object((moved @ last.X_OH)[None], q[None])[0]
     assert touched > 8
     assert on_approach < 5
 

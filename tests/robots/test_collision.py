@@ -20,22 +20,33 @@ def _above(height: float) -> np.ndarray:
     return X_OH
 
 
+def hit(
+    checker: HandCollisionChecker, X_OH: np.ndarray, q: np.ndarray, **options: bool
+) -> str | None:
+    """Return the first collision at a pose or on a path."""
+    return checker.first_collisions(X_OH.reshape(1, -1, 4, 4), q[None], **options)[0]
+
+
+def touches(checker: HandCollisionChecker, X_OH: np.ndarray, q: np.ndarray) -> bool:
+    return checker.touch_object(X_OH[None], q[None])[0]
+
+
 def test_a_hand_far_away_collides_with_nothing() -> None:
     checker = HandCollisionChecker(
         JAW, trimesh.creation.box((0.05, 0.05, 0.05)), support_height=-0.025
     )
-    assert checker.first_collision(_above(0.5), OPEN) is None
+    assert hit(checker, _above(0.5), OPEN) is None
 
 
 def test_a_palm_in_the_object_is_found() -> None:
     checker = HandCollisionChecker(JAW, trimesh.creation.box((0.05, 0.05, 0.05)))
-    assert checker.first_collision(_above(0.02), OPEN) == "object"
+    assert hit(checker, _above(0.02), OPEN) == "object"
 
 
 def test_a_hand_wholly_inside_the_object_is_found() -> None:
     # A triangle mesh is a shell to FCL: nothing touches it here.
     checker = HandCollisionChecker(JAW, trimesh.creation.box((2.0, 2.0, 2.0)))
-    assert checker.first_collision(_above(0.0), OPEN) == "object"
+    assert hit(checker, _above(0.0), OPEN) == "object"
 
 
 @pytest.mark.parametrize(("at", "inside"), [(0.0, False), (-0.15, True)])
@@ -49,7 +60,7 @@ def test_a_body_is_inside_where_its_mesh_is_and_not_its_frame(at: float, inside:
     X_OL = np.eye(4)
     X_OL[0, 3] = at
     checker = HandCollisionChecker(hand, block)
-    assert checker.touches_object(X_OL @ hand.X_LH, OPEN) == inside
+    assert touches(checker, X_OL @ hand.X_LH, OPEN) == inside
 
 
 def test_a_hand_collides_with_the_support_from_its_lowest_point_on() -> None:
@@ -64,7 +75,7 @@ def test_a_hand_collides_with_the_support_from_its_lowest_point_on() -> None:
     lowest = min(v[:, 2].min() for v in vertices)
     for gap, expected in ((0.0015, None), (0.0005, "support"), (-0.002, "support")):
         checker = HandCollisionChecker(hand, mesh, support_height=lowest - gap, clearance=0.001)
-        assert checker.first_collision(_above(0.3), OPEN) == expected
+        assert hit(checker, _above(0.3), OPEN) == expected
 
 
 def test_pads_may_touch_only_where_they_are_allowed_to() -> None:
@@ -72,8 +83,8 @@ def test_pads_may_touch_only_where_they_are_allowed_to() -> None:
     # The jaw is closed to 58 mm round 60 mm: both fingers press in by a millimetre.
     closed = np.clip(np.full(2, 0.029), JAW.lower, JAW.upper)
     X_OH = _above(0.075)
-    assert checker.first_collision(X_OH, closed) == "object"
-    assert checker.first_collision(X_OH, closed, pads_may_touch=True) is None
+    assert hit(checker, X_OH, closed) == "object"
+    assert hit(checker, X_OH, closed, pads_may_touch=True) is None
 
 
 def test_fingers_through_each_other_are_found() -> None:
@@ -82,12 +93,12 @@ def test_fingers_through_each_other_are_found() -> None:
     far = np.eye(4)
     far[:3, 3] = 1.0
     opened = hand.pregrasps["medium"].copy()
-    assert checker.first_collision(far, opened) is None
+    assert hit(checker, far, opened) is None
     crossed = opened.copy()
     names = list(hand.joint_names)
     crossed[names.index("index_0")] = hand.lower[names.index("index_0")]
     crossed[names.index("middle_0")] = hand.upper[names.index("middle_0")]
-    assert checker.first_collision(far, crossed) == "self"
+    assert hit(checker, far, crossed) == "self"
 
 
 def test_collision_with_a_ball_agrees_with_sampled_points() -> None:
@@ -109,10 +120,10 @@ def test_collision_with_a_ball_agrees_with_sampled_points() -> None:
         )
         if nearest < 0.0496:
             inside += 1
-            assert checker.touches_object(X_OH, OPEN)
+            assert touches(checker, X_OH, OPEN)
         elif nearest > 0.056:
             outside += 1
-            assert not checker.touches_object(X_OH, OPEN)
+            assert not touches(checker, X_OH, OPEN)
     assert min(inside, outside) > 10
 
 
@@ -147,10 +158,10 @@ def test_postures_together_collide_as_one_by_one() -> None:
     heights = np.linspace(0.0, 0.3, 13)
     paths = np.array([[_above(height), _above(height + 0.05)] for height in heights])
     q = np.linspace(JAW.lower, JAW.upper, len(heights))
-    alone = [checker.first_collision(path, joints) for path, joints in zip(paths, q, strict=True)]
+    alone = [hit(checker, path, joints) for path, joints in zip(paths, q, strict=True)]
     assert checker.first_collisions(paths, q) == alone
     assert len(set(alone)) > 1
-    touching = [checker.touches_object(path[0], j) for path, j in zip(paths, q, strict=True)]
+    touching = [touches(checker, path[0], j) for path, j in zip(paths, q, strict=True)]
     assert checker.touch_object(paths[:, 0], q).tolist() == touching
     above = checker.clearances(paths[-2:, 0], q[[-1, -1]])
     # Higher by one step, above the middle of the object; FCL is precise to a millionth.

@@ -78,7 +78,9 @@ class ProbingScene:
             # Contact with the table costs by the triangles of the faces on it.
             faces = merge_flat_faces(mesh)
             self._object = add_object(plant, faces, mass=free.mass, friction=friction)
-            self._resistance = _rolling_resistance(mesh, free.mass)
+            # At the radius of half the least extent [N m].
+            radius = 0.5 * float(np.min(mesh.extents))
+            self._resistance = _ROLLING_RESISTANCE * free.mass * GRAVITY * radius
         # Without an arm, the planned motion avoids the table.
         if station is not None and station.table is not None:
             table = add_table(plant, station.table.height, under=mesh)
@@ -181,8 +183,3 @@ def _motion(X: FloatArray, Y: FloatArray) -> float:
     """Return the larger of displacement and turn, at a lever of 0.1 m, between poses [m]."""
     turn = np.linalg.norm(Y[:3, :3] - X[:3, :3]) / np.sqrt(2.0)  # of small angles
     return float(max(np.linalg.norm(Y[:3, 3] - X[:3, 3]), 0.1 * turn))
-
-
-def _rolling_resistance(mesh: trimesh.Trimesh, mass: float) -> float:
-    """Return the moment of rolling resistance [N m], at the radius of half the least extent."""
-    return _ROLLING_RESISTANCE * mass * GRAVITY * 0.5 * float(np.min(mesh.extents))

@@ -110,7 +110,8 @@ class _Bench:
 
     def penetration(self) -> float:
         """Return the deepest penetration of the hand with the object or itself [m]."""
-        distances = self._data.contact.dist[(self._geom_bodies() > 0).all(axis=1)]
+        bodies = self._model.geom_bodyid[self._data.contact.geom]
+        distances = self._data.contact.dist[(bodies > 0).all(axis=1)]
         return float(-distances.min(initial=0.0))
 
     def push(self, direction: FloatArray) -> None:
@@ -154,9 +155,6 @@ class _Bench:
     def _command(self, posture: FloatArray) -> None:
         self._data.mocap_pos[0], self._data.mocap_quat[0] = posture[:3], posture[3:7]
         self._data.ctrl[:] = posture[7:][self._leaders]
-
-    def _geom_bodies(self) -> FloatArray:
-        return np.asarray(self._model.geom_bodyid[self._data.contact.geom])
 
 
 def _mjcf(hand: Hand, pieces: Sequence[trimesh.Trimesh], *, table: bool) -> str:
