@@ -13,6 +13,11 @@ from pathlib import Path
 _LONGEST = 800
 
 
+def counted(number: int, thing: str) -> str:
+    """Return a number of things in words, with an s unless it is one."""
+    return f"{number} {thing}" + ("" if number == 1 else "s")
+
+
 def shown(value: object) -> str:
     """Return a short representation of a value for a message, however large or deep it is."""
     try:

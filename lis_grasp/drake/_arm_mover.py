@@ -12,8 +12,8 @@ from lis_grasp.arms.station import Station
 from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory, joined
 from lis_grasp.drake._hand_motion import LEVER, HandMotion
 from lis_grasp.drake._ports import rigid
-from lis_grasp.exploration.loop import NextProbe
 from lis_grasp.exploration.probe_motions import TRANSIT_SPEED
+from lis_grasp.exploration.states import NextProbe
 from lis_grasp.geometry import inverse_pose
 from lis_grasp.probing.course import Course, path_back, path_out
 from lis_grasp.probing.probe_planner import NO_ARM_TRANSIT, ProbePlanner, home_of

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.arms.trajectory import TIME_STEP
 from lis_grasp.drake._hand_motion import LEVER, HandMotion
 from lis_grasp.drake._ports import rigid
-from lis_grasp.exploration.loop import NextProbe
 from lis_grasp.exploration.probe_motions import PROBE_SPEED, TRANSIT_SPEED
+from lis_grasp.exploration.states import NextProbe
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import apply_pose, inverse_pose, make_pose
 from lis_grasp.lifting.wrist_path import minimum_jerk

@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.trajectories import PiecewisePolynomial, PiecewisePose
 
-from lis_grasp.exploration.loop import NextProbe
+from lis_grasp.exploration.states import NextProbe
 from lis_grasp.probing.course import Course
 from lis_grasp.records import Record
 from lis_grasp.typing import FloatArray

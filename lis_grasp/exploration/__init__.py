@@ -1,17 +1,7 @@
 """Tactile exploration: choose the next touch, make it, estimate the surface, repeat."""
 
 from lis_grasp._moved import module_names
-from lis_grasp.exploration.loop import (
-    Exploration,
-    ExplorationSetup,
-    ExplorationState,
-    NextProbe,
-    advance,
-    begin,
-    choose,
-    explore,
-    explore_steps,
-)
+from lis_grasp.exploration.loop import advance, begin, choose, explore, explore_steps
 from lis_grasp.exploration.policy import POLICIES, Policy, RegionPolicy, TargetPolicy
 from lis_grasp.exploration.pose_tracking import PoseTracker
 from lis_grasp.exploration.probe import (
@@ -23,6 +13,12 @@ from lis_grasp.exploration.probe import (
     ProbeStatus,
 )
 from lis_grasp.exploration.region import DEFAULT_REGION, Region
+from lis_grasp.exploration.states import (
+    Exploration,
+    ExplorationSetup,
+    ExplorationState,
+    NextProbe,
+)
 from lis_grasp.exploration.stopping import (
     StopRule,
     StopRuleWithMemory,

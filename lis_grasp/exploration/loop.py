@@ -2,197 +2,33 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
-from typing import get_args
 
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError, require_at_least
+from lis_grasp.exceptions import InvalidOptionError, counted
 from lis_grasp.exploration.extent import free_beyond, open_ends
-from lis_grasp.exploration.policy import Policy
-from lis_grasp.exploration.pose_tracking import PoseTracker
-from lis_grasp.exploration.probe import (
-    MovingProber,
-    Probe,
-    ProbeOutcome,
-    Prober,
-    ProbeStatus,
-    since_loss,
-)
+from lis_grasp.exploration.probe import MovingProber, ProbeOutcome, Prober, since_loss
 from lis_grasp.exploration.region import Region
-from lis_grasp.exploration.stopping import StopRule, StopRuleWithMemory
-from lis_grasp.exploration.tactile_sensor import TactileSensor
-from lis_grasp.exploration.workspace import Estimate, ObstacleModel, Workspace
-from lis_grasp.records import Record, short_repr
-from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.exploration.states import (
+    Exploration,
+    ExplorationSetup,
+    ExplorationState,
+    NextProbe,
+    contacts_after,
+)
+from lis_grasp.exploration.stopping import StopRuleWithMemory
+from lis_grasp.exploration.workspace import Estimate, ObstacleModel
 from lis_grasp.surfaces.implicit_surface import DeferredSurface
-from lis_grasp.typing import BoolArray, FloatArray, IndexArray, Seed
+from lis_grasp.typing import Seed
 
-# Contacts closer than this are duplicates [m].
-_SAME_CONTACT = 1e-3
 # An exploration gives up after this many probes for each touch, and these on top.
 _PROBES_PER_TOUCH, _SPARE_PROBES = 4, 20
 # The surface is estimated anew when the touches have grown by this fraction, or by one.
 _GROWTH = 1.0 / 16.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ExplorationSetup:
-    """Prior knowledge and methods of an exploration; nothing of it changes from probe to probe.
-
-    Parameters
-    ----------
-    policy
-        Chooses probes.
-    estimate
-        Estimates the surface from at least one contact, when the estimate is first used: after
-        every contact, and beyond 31 touches only after a sixteenth more. What it raises, that use
-        raises.
-    touches
-        Wanted number of contacts; None for any, until a stop rule or the policy ends.
-    space
-        Position and size of the object, or the region that contains it; the hand approaches from
-        outside of what is known, and avoids it. None leaves the approach to the prober.
-    prior
-        Contacts known before the first touch, for example of a camera; None for none. The surface
-        is estimated from them and the touches, and touches go where both are missing. They are no
-        part of the result, and are dropped when the tracker loses the object.
-    sensor
-        Model of the tactile sensor; None for an ideal one.
-    stop
-        Rules that end the exploration early, checked after every probe once there is an estimate.
-    find_strays
-        Returns the rows of contacts that the others contradict. Those of earlier probes are
-        dropped, and their places probed again, once; None to believe all.
-    tracker
-        Tracks the pose of an object that touches move, repeats touches for it, and keeps contacts
-        in the object's frame; None if nothing moves.
-
-    Raises
-    ------
-    InvalidOptionError
-        If `touches` is below 1.
-    """
-
-    policy: Policy
-    estimate: Callable[[Contacts], ImplicitSurface]
-    touches: int | None
-    space: Workspace | Region | None = None
-    prior: Contacts | None = None
-    sensor: TactileSensor | None = None
-    stop: Sequence[StopRule] = ()
-    find_strays: Callable[[Contacts], IndexArray] | None = None
-    tracker: PoseTracker | None = None
-
-    __repr__ = short_repr
-
-    def __post_init__(self) -> None:
-        if self.touches is not None:
-            require_at_least(1, touches=self.touches)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ExplorationState(Record):
-    """Everything known after some probes. It never changes: `advance` makes the next one."""
-
-    outcomes: tuple[ProbeOutcome, ...] = ()  #: of every probe so far, in order
-    contacts: Contacts = field(default_factory=Contacts.empty)  #: made by touches, in O
-    prior: Contacts = field(default_factory=Contacts.empty)  #: known before the first touch
-    #: estimated from both, before free space is removed; None without contacts
-    estimated: Estimate | None = None
-    surface: ImplicitSurface | None = None  #: the estimate without the free space
-    is_new: bool = False  #: whether the surface was estimated anew after the last outcome
-    rules: tuple[StopRule, ...] = ()  #: stop rules, with their memory of earlier estimates
-    #: poses (4, 4) of the object's new frames by the last outcome, each in the one before
-    frames: tuple[FloatArray, ...] = ()
-    duration: float = 0.0  #: of the probes [s]
-    ended: str = ""  #: why the exploration ended; empty before
-    known: Contacts = field(init=False)  #: prior contacts, then those of the touches
-
-    __repr__ = short_repr
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "known", self.prior.append(self.contacts))
-
-    @property
-    def result(self) -> Exploration:
-        """The exploration so far."""
-        return Exploration(self.contacts, self.outcomes, self.ended)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NextProbe(Record):
-    """The next probe of an exploration, and what the hand avoids on its approach."""
-
-    probe: Probe
-    obstacles: ObstacleModel | None  #: None if the approach is left to the prober
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Exploration(Record):
-    """Result of an exploration."""
-
-    contacts: Contacts  #: in O, without duplicates, with all free space
-    outcomes: tuple[ProbeOutcome, ...]  #: of every probe, in order
-    ended: str = ""  #: why it ended
-
-    __repr__ = short_repr
-
-    @classmethod
-    def replay(cls, outcomes: Sequence[ProbeOutcome], *, touches: int | None = None) -> Exploration:
-        """Rebuild an exploration from its recorded outcomes, as if it had ended after `touches`.
-
-        Nothing is known of the probes after the one that made the last of these contacts.
-        """
-        contacts, clock, used = Contacts.empty(), 0.0, 0
-        for outcome in outcomes:
-            used += 1
-            contacts = _after(contacts, outcome, clock, touches)
-            clock += outcome.duration
-            if touches is not None and len(contacts) >= touches:
-                break
-        return cls(contacts, tuple(outcomes[:used]), "replayed")
-
-    def first(self, touches: int) -> Contacts:
-        """Return the first contacts, and the free space known when the last of them was made."""
-        return self.replay(self.outcomes, touches=touches).contacts
-
-    @property
-    def touches(self) -> tuple[ProbeOutcome, ...]:
-        """The outcome that made each contact, in the contacts' order."""
-        touches: list[ProbeOutcome] = []
-        contacts = Contacts.empty()
-        for outcome in self.outcomes:
-            contacts = _with_outcome(contacts, outcome, 0.0, len(self.contacts))
-            touches = [] if outcome.lost else touches
-            touches += [outcome] * (len(contacts) - len(touches))
-            contacts, kept = _without_dropped(contacts, outcome)
-            touches = [touch for touch, is_kept in zip(touches, kept, strict=True) if is_kept]
-        return tuple(touches)
-
-    @property
-    def simulated_pose(self) -> FloatArray | None:
-        """True pose of a free object at the end, (4, 4), for evaluation; None if it was fixed."""
-        return self.outcomes[-1].simulated_pose if self.outcomes else None
-
-    @property
-    def duration(self) -> float:
-        """Total time of the probes [s]."""
-        return sum(outcome.duration for outcome in self.outcomes)
-
-    def summary(self) -> str:
-        """Return the counts in one line."""
-        counts = Counter(outcome.status for outcome in self.outcomes)
-        dropped = sum(len(outcome.dropped) for outcome in self.outcomes)
-        return (
-            f"{_count(len(self.contacts), 'contact')} from {_count(len(self.outcomes), 'probe')}"
-            f" ({', '.join(f'{counts[status]} {status}' for status in get_args(ProbeStatus))})"
-            + (f", {dropped} dropped that later ones contradict" if dropped else "")
-        )
 
 
 def explore(
@@ -347,7 +183,7 @@ def _added(
     state = replace(
         state,
         outcomes=(*state.outcomes, outcome),
-        contacts=_after(state.contacts, outcome, state.duration, setup.touches),
+        contacts=contacts_after(state.contacts, outcome, state.duration, setup.touches),
         frames=(),
         duration=state.duration + outcome.duration,
     )
@@ -400,66 +236,13 @@ def _reason_to_end(setup: ExplorationSetup, state: ExplorationState) -> str | No
     sought = sought_ends(setup, state)
     if setup.touches is not None:
         if len(state.contacts) >= setup.touches:
-            made = f"{_count(len(state.contacts), 'contact')} made"
+            made = f"{counted(len(state.contacts), 'contact')} made"
             return f"{made}; not found: {sought}" if sought else made
         if len(state.outcomes) >= _PROBES_PER_TOUCH * setup.touches + _SPARE_PROBES:
-            return f"{_count(len(state.outcomes), 'probe')} made"
+            return f"{counted(len(state.outcomes), 'probe')} made"
     if state.surface is not None and not sought:
         for rule in state.rules:
             reason = rule(state.known, state.surface, state.outcomes)
             if reason:
                 return reason
     return None
-
-
-def _after(
-    contacts: Contacts, outcome: ProbeOutcome, clock: float, touches: int | None
-) -> Contacts:
-    """Return the contacts after an outcome: `_with_outcome`, without those that it dropped."""
-    return _without_dropped(_with_outcome(contacts, outcome, clock, touches), outcome)[0]
-
-
-def _without_dropped(contacts: Contacts, outcome: ProbeOutcome) -> tuple[Contacts, BoolArray]:
-    """Return the contacts that an outcome did not drop, and which these are, (N,)."""
-    kept = np.ones(len(contacts), dtype=bool)
-    for point in outcome.dropped:
-        kept &= np.any(contacts.points != point, axis=1)
-    return (contacts if kept.all() else contacts.subset(kept)), kept
-
-
-def _with_outcome(
-    contacts: Contacts, outcome: ProbeOutcome, clock: float, touches: int | None
-) -> Contacts:
-    """Return the contacts with those of an outcome that began `clock` [s] after the first.
-
-    An outcome that shows that the object is lost ends the contacts before it.
-    """
-    if outcome.lost:
-        contacts = Contacts.empty()
-    room = None if touches is None else touches - len(contacts)
-    if outcome.repeated:
-        room = 0  # it measures the pose, and nothing new of the surface
-    new = outcome.contacts.subset(new_contacts(contacts, outcome.contacts)[:room])
-    # The outcome's free space counts; a prober may repeat it in its contacts.
-    added = replace(
-        new,
-        free_points=outcome.free_points,
-        free_radii=outcome.free_radii,
-        times=None if new.times is None else new.times + clock,
-    )
-    return contacts.append(added)
-
-
-def new_contacts(known: Contacts, contacts: Contacts) -> IndexArray:
-    """Return the rows of contacts that are more than 1 mm from known ones, and from each other."""
-    points = known.points
-    rows = []
-    for i, point in enumerate(contacts.points):
-        if np.all(np.linalg.norm(points - point, axis=1) > _SAME_CONTACT):
-            rows.append(i)
-            points = np.vstack([points, point])
-    return np.array(rows, dtype=np.intp)
-
-
-def _count(number: int, thing: str) -> str:
-    return f"{number} {thing}" + ("" if number == 1 else "s")

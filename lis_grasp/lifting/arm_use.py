@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from lis_grasp.exceptions import counted
+
 EFFORT_LIMIT = 0.999
 """Fraction of a joint's largest effort from which on it is at its limit: motors clip there."""
 
@@ -57,8 +59,5 @@ def violations(uses: Iterable[Mapping[str, Any]]) -> list[str]:
             limits.append(f"{use['effort_joint']} at its largest effort")
         if use["speed"] > 1.0:
             limits.append(f"{use['speed_joint']} at {100 * use['speed']:.0f} % of its speed")
-    contacts = [
-        f"{pair} in {steps} step{'' if steps == 1 else 's'}"
-        for pair, steps in sorted(touched.items())
-    ]
+    contacts = [f"{pair} in {counted(steps, 'step')}" for pair, steps in sorted(touched.items())]
     return [*contacts, *dict.fromkeys(limits)]

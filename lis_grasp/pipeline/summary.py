@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from math import degrees
 from typing import Any
 
+from lis_grasp.exceptions import counted
 from lis_grasp.lifting.arm_use import violations
 from lis_grasp.pipeline.reasons import lesson_sentence, lift_sentence, no_grasp_sentence
 from lis_grasp.pipeline.report_json import motion_line
@@ -23,7 +24,7 @@ def exploration_lines(facts: dict[str, Any]) -> tuple[str, ...]:
     search = facts.get("search")
     if search is not None:
         first = "found     after" if search["found"] else "found     nothing in the region after"
-        probes = f"{search['probes']} probe" + ("" if search["probes"] == 1 else "s")
+        probes = counted(search["probes"], "probe")
         lines.append(f"{first} {probes}, {search['seconds']:.0f} s of motion")
     lines += [f"touched   {made} of {asked} contacts, from {facts['probes']} probes"]
     if made < asked:

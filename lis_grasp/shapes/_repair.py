@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from lis_grasp.exceptions import InvalidMeshError
+from lis_grasp.exceptions import InvalidMeshError, counted
 from lis_grasp.shapes._parts import boxes, each_part, unite_parts
 from lis_grasp.shapes._topology import (
     boundary_loops,
@@ -86,7 +86,7 @@ def _drop_degenerate(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
     faces = np.asarray(mesh.faces)
     proper = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
     if not proper.all():
-        repairs.append(f"dropped {_count(int((~proper).sum()), 'face')} without area")
+        repairs.append(f"dropped {counted(int((~proper).sum()), 'face')} without area")
         mesh.update_faces(proper)
     faces = np.asarray(mesh.faces)
     ordered = np.sort(faces, axis=1)
@@ -104,7 +104,7 @@ def _drop_degenerate(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
     if not kept.all():
         double = int((~kept).sum())
         was = "was" if double == 1 else "were"
-        repairs.append(f"dropped {_count(double, 'face')} that {was} there twice")
+        repairs.append(f"dropped {counted(double, 'face')} that {was} there twice")
         mesh.update_faces(kept)
     mesh.remove_unreferenced_vertices()
 
@@ -137,7 +137,7 @@ def _orient(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
     same = _is_even(before, np.sort(before, axis=1)) == _is_even(after, np.sort(after, axis=1))
     turned = int(np.sum(~same))
     if turned:
-        repairs.append(f"turned {_count(turned, 'face')} outward")
+        repairs.append(f"turned {counted(turned, 'face')} outward")
 
 
 def _is_closed_part(mesh: trimesh.Trimesh) -> BoolArray:
@@ -175,9 +175,9 @@ def _close(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
         longest = max(longest, float(around))
         vertices, faces = np.concatenate([vertices, added]), np.concatenate([faces, closing])
     if dropped:
-        repairs.append(f"took away {_count(dropped, 'face')} at edges with more than two faces")
+        repairs.append(f"took away {counted(dropped, 'face')} at edges with more than two faces")
     if loops:
-        holes = _count(len(loops), "hole")
+        holes = counted(len(loops), "hole")
         repairs.append(f"closed {holes}, the largest {1e3 * longest:.0f} mm around")
     closed = trimesh.Trimesh(vertices, faces, process=False, validate=False)
     closed.remove_unreferenced_vertices()
@@ -205,7 +205,7 @@ def _turn_parts_outward(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
             mesh.faces[body] = mesh.faces[body][:, ::-1]
             turned += 1
     if turned:
-        repairs.append(f"turned {_count(turned, 'part')} outward")
+        repairs.append(f"turned {counted(turned, 'part')} outward")
 
 
 def _flip_slivers(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
@@ -214,7 +214,7 @@ def _flip_slivers(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
     faces, flips = flip_slivers(np.asarray(mesh.vertices), np.asarray(mesh.faces), height=height)
     if flips:
         mesh.faces = faces
-        repairs.append(f"flipped {_count(flips, 'edge')} of triangles with vertices on a line")
+        repairs.append(f"flipped {counted(flips, 'edge')} of triangles with vertices on a line")
 
 
 def _drop_specks(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
@@ -227,14 +227,10 @@ def _drop_specks(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
     kept = volumes >= _SPECK * volumes.max()
     if kept.all():
         return mesh
-    repairs.append(f"dropped {_count(int((~kept).sum()), 'loose speck')}")
+    repairs.append(f"dropped {counted(int((~kept).sum()), 'loose speck')}")
     mesh.update_faces(np.sort(np.concatenate([b for b, k in zip(bodies, kept, strict=True) if k])))
     mesh.remove_unreferenced_vertices()
     return mesh
-
-
-def _count(number: int, thing: str) -> str:
-    return f"{number} {thing}" + ("" if number == 1 else "s")
 
 
 def flip_slivers(vertices: FloatArray, faces: IntArray, *, height: float) -> tuple[IntArray, int]:

@@ -10,6 +10,7 @@ import numpy as np
 import trimesh
 
 from lis_grasp.contacts import HALF_SPACE, Contacts
+from lis_grasp.exceptions import counted
 from lis_grasp.exploration.probe import since_loss
 from lis_grasp.geometry import apply_pose, inverse_pose, make_pose, tangent_frame
 from lis_grasp.typing import FloatArray
@@ -101,7 +102,7 @@ def draw_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
             path = f"{OBJECT_NODE}/{layer}/{part}"
             surface = drawing.material(colours[layer], roughness=0.4)
             canvas.commands.append(drawing.draw_copies(path, mesh, surface, at))
-        many = f"{len(contacts)} contact{'s' if len(contacts) > 1 else ''}"
+        many = counted(len(contacts), "contact")
         canvas.layers.append(Layer("contacts", many, True, CONTACT_COLOUR, "measured positions"))
         canvas.layers.append(Layer("normals", "Normals", True, NORMAL_COLOUR, "measured normals"))
     free = contacts.free_points[contacts.free_radii < HALF_SPACE]
@@ -122,7 +123,7 @@ def draw_bad_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
     for _, part, mesh in _marker(_BAD_SIZE * size):
         surface = drawing.material(BAD_COLOUR, roughness=0.4)
         canvas.commands.append(drawing.draw_copies(f"{OBJECT_NODE}/bad/{part}", mesh, surface, at))
-    title = f"{len(contacts)} doubted contact{'s' if len(contacts) > 1 else ''}"
+    title = counted(len(contacts), "doubted contact")
     note = "turned or left out: others contradict them"
     canvas.layers.append(Layer("bad", title, True, BAD_COLOUR, note))
 
@@ -199,7 +200,7 @@ def draw_search(canvas: Canvas, region: Region, search: Sequence[ProbeOutcome]) 
     canvas.commands.append(drawing.draw_mesh(f"{ROOT}/search/all", mesh, colour))
     lengths = " x ".join(f"{100.0 * length:.0f}" for length in region.lengths)
     seconds = sum(outcome.duration for outcome in search)
-    many = f"{len(search)} motion{'' if len(search) == 1 else 's'}"
+    many = counted(len(search), "motion")
     note = f"{many}, {seconds:.0f} s, in a region of {lengths} cm"
     canvas.layers.append(Layer("search", "Search", True, SEARCH_COLOUR, note))
 
