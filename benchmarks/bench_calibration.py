@@ -169,7 +169,7 @@ def predict(rows: list[Row], parameters: dict[str, float]) -> np.ndarray:
         name: np.log([row[name] + offset for row in rows])
         for name, offset in SUCCESS_MODEL["offsets"].items()
     }
-    shape = by_kind("intercept") + parameters["epsilon slope"] * logs["epsilon_expected"]
+    shape = by_kind("intercept") + parameters["shape slope"] * logs["load_expected"]
     load = by_kind("load slope") * (logs["acceleration"] - by_kind("log load"))
     burden = np.log([row["mass"] / SUCCESS_MODEL["mass"]["usual"] for row in rows])
     load = load - parameters["mass slope"] * burden
@@ -182,7 +182,7 @@ def fit(rows: list[Row]) -> dict[str, float]:
     start = {
         "coulomb intercept": 6.0,
         "soft_finger intercept": 7.0,
-        "epsilon slope": 0.8,
+        "shape slope": 0.8,
         "coulomb log load": 2.0,
         "soft_finger log load": 2.0,
         "coulomb load slope": 3.0,

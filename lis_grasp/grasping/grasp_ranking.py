@@ -21,7 +21,7 @@ from lis_grasp.grasping.epsilon import (
     epsilon_of_wrenches,
 )
 from lis_grasp.grasping.force_closure import resisted_forces
-from lis_grasp.grasping.grasp_batch import GraspBatch, fill_unused
+from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasps import Grasp, LoadPrior
 from lis_grasp.grasping.hand_capacity import (
     balanced_grip,
@@ -29,7 +29,7 @@ from lis_grasp.grasping.hand_capacity import (
     largest_wrenches,
     spare_accelerations,
 )
-from lis_grasp.grasping.surface_uncertainty import UncertainSurface
+from lis_grasp.grasping.surface_uncertainty import PadContacts
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray, IndexArray
 
@@ -44,9 +44,9 @@ SUCCESS_MODEL = json.loads(Path(__file__).with_name("success_model.json").read_t
 
 
 class _Precision(NamedTuple):
-    """Precision of qualities: sampled surfaces, and by what fraction values may be too small."""
+    """Precision of qualities: displaced hands, and by what fraction values may be too small."""
 
-    surfaces: int
+    samples: int
     epsilon: float
     acceleration: float
 
@@ -62,9 +62,9 @@ class GraspScorer:
 
     - ``epsilon``: `epsilon_quality`; ``epsilon_robust``: the same at half the friction.
     - ``weight_robust``: the weight that it carries at half the friction, `resisted_force`.
-    - ``closure_probability``, ``epsilon_expected``: over samples of the true surface given the
-      estimate (`UncertainSurface`), the fraction in force closure and the mean of
-      ``epsilon_robust``.
+    - ``closure_probability``, ``load_expected``: over displaced hands and the surfaces that the
+      estimate allows (`PadContacts`), the fraction in force closure and the mean of
+      ``load_per_grip``, both at half the friction.
     - ``grip``: the sum of the largest normal forces in balance that the hand exerts in this
       posture, within its joint efforts and its largest contact force [N].
     - ``load_per_grip``: the largest load, in any direction, that contacts carry per unit of grip.
@@ -72,7 +72,7 @@ class GraspScorer:
       fingers can add to holding the weight, within their joint efforts (`spare_accelerations`)
       [m/s^2]. Both are in the metric of `inertial_metric`.
     - ``success_probability``: the predicted probability that the hand lifts and holds the object,
-      a logistic function of ``epsilon_expected``, times another one of ``acceleration`` and mass
+      a logistic function of ``load_expected``, times another one of ``acceleration`` and mass
       (`SUCCESS_MODEL`). The acceleration is part of it because heavy objects have more weight,
       and long ones more inertia, than the motors or the friction of fingers close together carry.
     - ``shape_probability``: the first of these two factors, which knowing the surface raises.
@@ -80,7 +80,7 @@ class GraspScorer:
     - ``pad_error``: the largest distance of a pad from its contact [m].
 
     `score` computes those that ranking depends on, at the median friction of the prior and roughly:
-    epsilon may be too small by 5 %, and four surfaces are sampled. Its ``epsilon`` is only a lower
+    epsilon may be too small by 5 %, and four hands are displaced. Its ``epsilon`` is only a lower
     bound, above zero. `predict_success` computes all but ``grip`` precisely, and averages the
     success probability over the distributions of mass and friction. `plan_forces` makes grasps, and
     adds ``grip``.
@@ -95,7 +95,13 @@ class GraspScorer:
     """
 
     def __init__(
-        self, hand: Hand, mesh: trimesh.Trimesh, *, prior: LoadPrior, rng: np.random.Generator
+        self,
+        hand: Hand,
+        mesh: trimesh.Trimesh,
+        *,
+        prior: LoadPrior,
+        rng: np.random.Generator,
+        support_height: float | None = None,
     ) -> None:
         self._hand, self._prior = hand, prior
         self._models = [
@@ -103,9 +109,10 @@ class GraspScorer:
             for friction, weight in prior.frictions()
         ]
         self._median = self._models[0][0]
-        self._surface = UncertainSurface.from_mesh(mesh)
+        floor = -np.inf if support_height is None else support_height
+        self._contacts = PadContacts.on(mesh, hand, floor=floor)
         # The same draws for every grasp, whenever its qualities are computed.
-        self._seed = rng.integers(2**63)
+        self._seed = int(rng.integers(2**63))
         self.rejected: Counter[str] = Counter()
 
     def score(
@@ -121,20 +128,22 @@ class GraspScorer:
         (plain[rest],) = self._epsilons(batch.subset(rest), (median.plain,), _RANKED.epsilon)
         kept = np.flatnonzero(plain > 0.0)
         self.rejected["no_force_closure"] += len(batch) - len(kept)
-        accelerations, carried = self._carry(batch.subset(kept), median, _RANKED.acceleration)
+        expected = self._displaced(batch.subset(kept), _RANKED.samples, median.robust_load).mean(
+            axis=1
+        )
+        shape = shape_probability(expected, median.plain)
         if least_success is not None:
-            likely = carried >= least_success[kept]  # of which the success probability is a part
+            likely = shape >= least_success[kept]  # of which the success probability is a part
             self.rejected["outranked"] += len(kept) - int(likely.sum())
-            kept, accelerations, carried = kept[likely], accelerations[likely], carried[likely]
-        batch, robust = batch.subset(kept), robust[kept]
+            kept, expected, shape = kept[likely], expected[likely], shape[likely]
+        batch = batch.subset(kept)
         assert batch.clearance is not None
         assert batch.position_error is not None
-        expected, _ = self._over_surfaces(batch, robust, _RANKED.surfaces)
-        shape = shape_probability(expected, median.plain)
+        accelerations, carried = self._carry(batch, median, _RANKED.acceleration)
         return kept, batch.with_quality(
             epsilon=plain[kept],
-            epsilon_robust=robust,
-            epsilon_expected=expected,
+            epsilon_robust=robust[kept],
+            load_expected=expected,
             acceleration=accelerations,
             shape_probability=shape,
             success_probability=shape * carried,
@@ -153,7 +162,8 @@ class GraspScorer:
         robust, plain, loaded = self._epsilons(
             batch, (median.robust, median.plain, median.loaded), _REPORTED.epsilon
         )
-        expected, closure = self._over_surfaces(batch, robust, _REPORTED.surfaces)
+        loads = self._displaced(batch, _REPORTED.samples, median.robust_load)
+        expected = loads.mean(axis=1)
         accelerations, carried = self._carry(batch, median, _REPORTED.acceleration)
         shape = shape_probability(expected, median.plain)
         (_, weight), *others = self._models
@@ -162,8 +172,8 @@ class GraspScorer:
             success = success + weight * self._success(batch, models)
         return batch.with_quality(
             epsilon_robust=robust,
-            closure_probability=closure,
-            epsilon_expected=expected,
+            closure_probability=(loads > 0.0).mean(axis=1),
+            load_expected=expected,
             acceleration=accelerations,
             shape_probability=shape,
             success_probability=success,
@@ -221,10 +231,9 @@ class GraspScorer:
 
     def _success(self, batch: GraspBatch, models: _FrictionModels) -> FloatArray:
         """Return the success probability (B,) at the friction of `models`, over masses, roughly."""
-        (robust,) = self._epsilons(batch, (models.robust,), _RANKED.epsilon)
-        expected, _ = self._over_surfaces(batch, robust, _RANKED.surfaces, models)
+        loads = self._displaced(batch, _RANKED.samples, models.robust_load)
         _, carried = self._carry(batch, models, _RANKED.acceleration)
-        return shape_probability(expected, models.plain) * carried
+        return shape_probability(loads.mean(axis=1), models.plain) * carried
 
     def _carry(
         self, batch: GraspBatch, models: _FrictionModels, tolerance: float
@@ -246,55 +255,34 @@ class GraspScorer:
             accelerations, masses[:, None], models.plain
         )
 
-    def _over_surfaces(
-        self,
-        batch: GraspBatch,
-        robust: FloatArray,
-        samples: int,
-        models: _FrictionModels | None = None,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the expected robust epsilon and the probability of closure, each of shape (B,)."""
-        models, count = models or self._median, len(batch)
-        if not count:
-            return robust, np.ones(0)
-        if self._surface.deviations.any():
-            sampled = self._surface.sample_contacts(
-                *batch.contacts(), samples=samples, rng=np.random.default_rng(self._seed)
-            )
-            used = np.repeat(batch.used, samples, axis=0)
-            p, n = (fill_unused(a.reshape(*used.shape, 3), used) for a in sampled)
-            robust = epsilon_by_expanding_polytope(p, n, models.robust, tolerance=_COARSE)
-        else:
-            samples, (p, n) = 1, batch.contacts()
-        closes = robust > 0.0  # which implies closure at the whole friction
-        rest = np.flatnonzero(~closes)
-        if len(rest):
-            plain = epsilon_by_expanding_polytope(p[rest], n[rest], models.plain, tolerance=_COARSE)
-            closes[rest] = plain > 0.0
-        by_grasp = (count, samples)
-        return robust.reshape(by_grasp).mean(axis=1), closes.reshape(by_grasp).mean(axis=1)
+    def _displaced(self, batch: GraspBatch, samples: int, model: WrenchModel) -> FloatArray:
+        """Return the robust loads per grip of displaced hands, shape (B, samples)."""
+        sampled = self._contacts.sample(batch, samples=samples, seed=self._seed)
+        points, normals = (a.reshape(-1, *a.shape[2:]) for a in sampled)
+        loads = epsilon_by_expanding_polytope(points, normals, model, tolerance=_COARSE)
+        return loads.reshape(len(batch), samples)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _FrictionModels:
-    """Wrench models at one friction: of closure, of robust qualities, and of loads."""
+    """Wrench models at one friction: of closure, robust qualities, loads, and robust loads."""
 
     plain: WrenchModel
     robust: WrenchModel
     loaded: WrenchModel
+    robust_load: WrenchModel
     carrying: WrenchModel
 
     @classmethod
     def of(cls, mesh: trimesh.Trimesh, hand: Hand, friction: float) -> _FrictionModels:
         """Return the models of a hand's contacts on a mesh."""
-        plain, metric = wrench_model(mesh, hand, friction), inertial_metric(mesh)
-        loaded = wrench_model(mesh, hand, _LOADED_FRACTION * friction)
-        return cls(
-            plain,
-            wrench_model(mesh, hand, ROBUST_FRACTION * friction),
-            replace(loaded, torque_metric=metric),
-            replace(plain, torque_metric=metric),
+        plain, robust, loaded = (
+            wrench_model(mesh, hand, fraction * friction)
+            for fraction in (1.0, ROBUST_FRACTION, _LOADED_FRACTION)
         )
+        metric = inertial_metric(mesh)
+        carried = (replace(m, torque_metric=metric) for m in (loaded, robust, plain))
+        return cls(plain, robust, *carried)
 
 
 def load_probability(
@@ -314,12 +302,12 @@ def load_probability(
     return np.asarray(odds / (1.0 + odds))
 
 
-def shape_probability(epsilon_expected: npt.ArrayLike, model: WrenchModel) -> FloatArray:
+def shape_probability(load_expected: npt.ArrayLike, model: WrenchModel) -> FloatArray:
     """Return the predicted probability that a grasp holds an object of hardly any weight.
 
-    It depends on the surface and what is known of it: the qualities ``epsilon_expected``.
+    It depends on the surface and what is known of it: the qualities ``load_expected``.
     """
-    slope, offset = (SUCCESS_MODEL[name]["epsilon_expected"] for name in ("slopes", "offsets"))
+    slope, offset = (SUCCESS_MODEL[name]["load_expected"] for name in ("slopes", "offsets"))
     logit = SUCCESS_MODEL["intercepts"][model.contact_model]
-    logit = logit + slope * np.log(np.asarray(epsilon_expected) + offset)
+    logit = logit + slope * np.log(np.asarray(load_expected) + offset)
     return np.asarray(1.0 / (1.0 + np.exp(-logit)))

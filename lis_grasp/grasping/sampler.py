@@ -151,7 +151,9 @@ class ForceClosureSampler:
             reach=self.station,
             obstacles=self.obstacles,
         )
-        scorer = GraspScorer(self.hand, mesh, prior=self.prior, rng=rng)
+        scorer = GraspScorer(
+            self.hand, mesh, prior=self.prior, rng=rng, support_height=support_height
+        )
         search = _Search(self.hand, samples, candidate_filter, scorer, rng)
         search.draw_enough(self.candidates, count)
         if len(search) < count:

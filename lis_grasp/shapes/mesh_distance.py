@@ -29,21 +29,29 @@ def distances_to_mesh(points: FloatArray, mesh: trimesh.Trimesh) -> tuple[FloatA
     faces
         Shape (P,), a triangle of `mesh.faces` at that distance; any of them at an edge.
     """
-    squares, faces, _ = _nearest(points, mesh)
+    squares, faces, _ = MeshTree(mesh).nearest(points)
     return np.sqrt(squares), faces
 
 
 def closest_points(points: FloatArray, mesh: trimesh.Trimesh) -> tuple[FloatArray, IndexArray]:
     """Return the nearest point (P, 3) [m] of a mesh to each point, and the triangle it is on."""
-    _, faces, nearest = _nearest(points, mesh)
-    return nearest, faces
+    return MeshTree(mesh).closest_points(points)
 
 
-def _nearest(
-    points: FloatArray, mesh: trimesh.Trimesh
-) -> tuple[FloatArray, IndexArray, FloatArray]:
-    return igl.point_mesh_squared_distance(  # type: ignore[no-any-return]
-        np.ascontiguousarray(points, dtype=np.float64),
-        np.ascontiguousarray(mesh.vertices),
-        np.ascontiguousarray(mesh.faces),
-    )
+class MeshTree:
+    """The bounding-volume tree of a mesh with at least one triangle, for many small queries."""
+
+    def __init__(self, mesh: trimesh.Trimesh) -> None:
+        self._arrays = np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces)
+        self._tree = igl.AABB()
+        self._tree.init(*self._arrays)
+
+    def nearest(self, points: FloatArray) -> tuple[FloatArray, IndexArray, FloatArray]:
+        """Return squared distances (P,) of points (P, 3), triangles (P,), nearest points (P, 3)."""
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        return self._tree.squared_distance(*self._arrays, points)  # type: ignore[no-any-return]
+
+    def closest_points(self, points: FloatArray) -> tuple[FloatArray, IndexArray]:
+        """Return what `closest_points` returns."""
+        _, faces, nearest = self.nearest(points)
+        return nearest, faces

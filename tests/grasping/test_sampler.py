@@ -88,7 +88,8 @@ def test_pads_touch_their_contacts(box_search: GraspSearch) -> None:
 
 def test_no_link_collides_at_the_grasp_or_on_the_approach(box_search: GraspSearch) -> None:
     mesh = shapes.build("box").mesh
-    checker = HandCollisionChecker(ALLEGRO, mesh, support_height=float(mesh.bounds[0, 2]))
+    height = float(mesh.bounds[0, 2])
+    checker = HandCollisionChecker(ALLEGRO, mesh, support_height=height, clearance=0.0)
     for grasp in box_search.grasps:
         path, q = np.tile(grasp.X_OH, (1, 5, 1, 1)), grasp.joint_positions[None]
         assert checker.first_collisions(path[:, :1], q, pads_may_touch=True) == [None]
@@ -120,8 +121,8 @@ def test_grasps_are_ranked_by_predicted_success(box_search: GraspSearch) -> None
         assert 0.0 < quality["success_probability"] < 1.0
         assert quality["epsilon"] >= quality["epsilon_robust"]
         assert quality["weight_robust"] > 0.0
-        # A true mesh is certain.
-        assert quality["epsilon_expected"] == quality["epsilon_robust"]
+        # It is at half the friction, not three quarters; contacts on faces move by a millimetre.
+        assert 0.2 < quality["load_expected"] / quality["load_per_grip"] < 1.0
         assert quality["closure_probability"] == 1.0
 
 
@@ -169,7 +170,7 @@ def test_a_more_uncertain_surface_lowers_the_predicted_success(
         found.append({grasp.X_OH.tobytes(): grasp.quality for grasp in search.grasps})
     shared = set.intersection(*(set(grasps) for grasps in found))
     assert shared
-    for name in ("success_probability", "epsilon_expected", "closure_probability"):
+    for name in ("success_probability", "load_expected", "closure_probability"):
         means = [np.mean([grasps[X][name] for X in shared]) for grasps in found]
         assert means[0] >= means[1] > means[2]
 
