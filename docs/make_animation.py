@@ -1,9 +1,9 @@
 """Make images/run.gif or another animation of the scene of a run, with Chromium.
 
-lis-grasp run mallet --known --seed 3 --output results/mallet
+lis-grasp run mallet --known --seed 3 --hand leap --prober kinematic --output results/mallet
 python docs/make_animation.py results/mallet
 lis-grasp run box --known --seed 3 --arm iiwa14 --touches 20 --output results/arm
-python docs/make_animation.py results/arm --name arm --from-azimuth 20
+python docs/make_animation.py results/arm --name arm --to-azimuth 60
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ sys.path.insert(0, str(_HERE.parent / "tests"))
 
 from browser import Browser  # noqa: E402
 
-_FRAMES = 56
-_SIZE = (480, 400)
+_FRAMES = 50
+_TURN = 40.0  # of the camera [deg]
+_SIZE = (560, 440)
 _COLOURS = 64
 _FRAME_TIME, _LAST_FRAME_TIME = 160, 2500  # [ms]
 
@@ -33,17 +34,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="folder of results")
     parser.add_argument("--name", default="run", help="of the picture (default: run)")
-    parser.add_argument("--from-azimuth", type=float, default=110.0, help="degrees")
+    parser.add_argument("--to-azimuth", type=float, help="degrees (default: the page's)")
     options = parser.parse_args()
     scene = options.folder.resolve() / "scene.html"
-    found = re.search(r'"duration": ?([\d.]+)', scene.read_text(encoding="utf-8"))
-    if found is None:
-        sys.exit(f"{scene} has no story")
+    page = scene.read_text(encoding="utf-8")
+    found = [re.search(rf'"{name}": ?(-?[\d.]+)', page) for name in ("duration", "azimuth")]
+    duration, azimuth = (float(match[1]) for match in found if match)
+    azimuth = azimuth if options.to_azimuth is None else options.to_azimuth
     frames = []
     with Browser() as browser:
         for k in range(_FRAMES):
-            time = float(found[1]) * (k + 0.5) / _FRAMES
-            view = f"azimuth={options.from_azimuth + 40 * k / _FRAMES:.1f}&zoom=1.15"
+            time = duration * (k + 0.5) / _FRAMES
+            view = f"azimuth={azimuth - _TURN * (1 - k / _FRAMES):.1f}"
             browser.open(f"{scene.as_uri()}#panel=0&t={time:.3f}&{view}", _SIZE)
             png = browser.send("Page.captureScreenshot", format="png")["data"]
             image = Image.open(io.BytesIO(base64.b64decode(png))).convert("RGB")

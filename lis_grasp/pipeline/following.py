@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -83,9 +84,7 @@ class Watched:
 
     def wait(self) -> None:
         """Serve until Ctrl-C."""
-        try:
-            self._server.wait()
-        except KeyboardInterrupt:
+        with suppress(KeyboardInterrupt):
             self._server.wait()
 
     def _repr_html_(self) -> str:

@@ -127,7 +127,7 @@ def build_overlay(
         f"<summary><h1>{escape(title)}</h1></summary>",
         '<div class="content">',
         _results(headline, summary),
-        f'<p class="explained">Press play: {explained}.</p>' if explained else "",
+        f'<p class="explained">In this order: {explained}.</p>' if explained else "",
         f'<ul class="layers">{"".join(_row(layer, scale) for layer in others)}</ul>',
         _listed_grasps(grasps, planned=planned, postures=postures),
         f'<p class="fine">Grid {_millimetres(grid)}. Drag to turn, wheel or pinch to zoom,'

@@ -66,7 +66,7 @@ class Scene:
     ``play=1`` plays, ``layers=`` a comma-separated list of ``estimate``, ``truth``, ``contacts``,
     ``normals``, ``free``, ``search``, ``motion``, ``hand``, ``grasp-1`` (and so on), ``together``,
     ``lift``; ``azimuth``, ``elevation`` [deg] and ``zoom`` set the camera; ``panel=0`` hides the
-    overlay, ``panel=1`` unfolds it. Parts are joined by ``&``.
+    overlay, ``panel=1`` unfolds it, ``panel=fold`` folds it. Parts are joined by ``&``.
 
     Parameters
     ----------

@@ -22,6 +22,7 @@ from lis_grasp_studies.contact_study.tables import (
     with_truth,
 )
 from lis_grasp_studies.figures import charts, estimator_label
+from lis_grasp_studies.figures.style import COLUMN
 from lis_grasp_studies.harness.page import Picture
 from lis_grasp_studies.harness.tables import Table, rows_csv, write_tables
 
@@ -84,11 +85,13 @@ def family_chart(ratios: Sequence[ErrorRatio], reference: str, others: Sequence[
             both = 0.5 * (ratio.truth_to_estimate + ratio.estimate_to_truth)
             values[ratio.estimator].setdefault(ratio.family, []).append(both)
     label = estimator_label(reference)
+    words = {"title": "Errors by family", "ylabel": f"error / error of {label}"}
     return Picture.of(
         "Errors of surfaces by family",
         f"Error over that of {label}, mean of truth to estimate and estimate to truth. Dots are"
         " contact sets, bars their means, lines one standard deviation.",
-        charts.bars(values, title="Errors by family", ylabel=f"error / error of {label}"),
+        charts.bars(values, **words),
+        charts.bars(values, width=COLUMN, **words),
     )
 
 

@@ -22,11 +22,18 @@ _MARKERS = "osD^vPX*<>"
 _CURVE: dict[str, Any] = {"lw": 2.0, "ms": 5.5, "mec": "white", "mew": 0.7}
 
 
-def bars(values: Mapping[str, Mapping[str, Sequence[float]]], *, title: str, ylabel: str) -> Figure:
+def bars(
+    values: Mapping[str, Mapping[str, Sequence[float]]],
+    *,
+    title: str,
+    ylabel: str,
+    width: float = style.WIDTH,
+) -> Figure:
     """Draw a bar for each estimator and object: the mean, one standard deviation, and every seed.
 
     `values` maps estimator and object to the value [mm] of each seed; NaN is left out. The last
-    group is the mean over objects; its spread is over seeds where all objects have equally many.
+    group is the mean over objects; its spread is over seeds where all objects have equally many. A
+    figure of one column has labels upright and a legend of two columns.
     InvalidOptionError if there are no values.
     """
     known = {name: _known(objects) for name, objects in values.items()}
@@ -36,17 +43,22 @@ def bars(values: Mapping[str, Mapping[str, Sequence[float]]], *, title: str, yla
             "bars need the values of at least one estimator and object", option="values"
         )
     groups = [*objects, _MEAN] if len(objects) > 1 else objects
-    figure = style.new_figure(3.7)
-    axes = style.add_panel(figure, _LEFT, 0.12, _WIDE, 0.66)
-    width = _GROUP / len(known)
+    narrow = width < style.WIDTH
+    if narrow:
+        figure = style.new_figure(2.7, width, drawn_width=style.COLUMN)
+        axes = style.add_panel(figure, 0.14, 0.27, 0.84, 0.45)
+    else:
+        figure = style.new_figure(3.7)
+        axes = style.add_panel(figure, _LEFT, 0.12, _WIDE, 0.66)
+    breadth = _GROUP / len(known)
     handles = []
     for k, (name, of) in enumerate(known.items()):
         means = _over_objects(of)
         for g, group in enumerate(groups):
             seeds = means if group == _MEAN else of.get(group, np.empty(0))
             if len(seeds):
-                at = g + (k + 0.5) * width - 0.5 * _GROUP
-                _bar(axes, at, 0.88 * width, seeds, palette.estimator_colour(name))
+                at = g + (k + 0.5) * breadth - 0.5 * _GROUP
+                _bar(axes, at, 0.88 * breadth, seeds, palette.estimator_colour(name))
         if of:
             mean = means.mean()
             text = f"{mean:.1f}" if mean >= 0.95 else f"{mean:.2f}"
@@ -55,10 +67,11 @@ def bars(values: Mapping[str, Mapping[str, Sequence[float]]], *, title: str, yla
         axes.axvspan(len(objects) - 0.5, len(objects) + 0.5, color="#f4f4f4", lw=0.0, zorder=0)
     axes.set_xlim(-0.55, len(groups) - 0.45)
     axes.set_ylim(bottom=0.0)
-    axes.set_xticks(range(len(groups)), [group.replace("_", "\n") for group in groups])
+    between = " " if narrow else "\n"
+    axes.set_xticks(range(len(groups)), [group.replace("_", between) for group in groups])
     style.label_axes(axes, "", ylabel)
-    axes.tick_params(axis="x", length=0, labelsize=style.NORMAL)
-    _head(figure, title, handles)
+    axes.tick_params(axis="x", length=0, labelsize=style.NORMAL, labelrotation=90 * narrow)
+    _head(figure, title, handles, columns=2 if narrow else 5)
     return figure
 
 
@@ -181,7 +194,7 @@ def _handle(name: str, label: str, **style: Any) -> Line2D:
     )
 
 
-def _head(figure: Figure, title: str, handles: Sequence[Line2D] = ()) -> None:
+def _head(figure: Figure, title: str, handles: Sequence[Line2D] = (), *, columns: int = 5) -> None:
     """Write a chart's title and, below it, its legend."""
     inches = figure.get_figheight()
     if title:
@@ -193,7 +206,7 @@ def _head(figure: Figure, title: str, handles: Sequence[Line2D] = ()) -> None:
             handles=handles,
             loc="upper left",
             bbox_to_anchor=(0.005, 1.0 - (0.25 if title else 0.0) / inches),
-            ncols=min(len(handles), 5),
+            ncols=min(len(handles), columns),
             frameon=False,
             fontsize=style.SMALL,
             labelcolor=palette.INK,

@@ -17,6 +17,7 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization.colours import ColourScale, viridis
+from lis_grasp.visualization.hand_layers import link_looks
 from lis_grasp_studies.figures._solids import VIEW, contact_patches, solid_patches
 from lis_grasp_studies.figures.painter import (
     Patches,
@@ -37,7 +38,7 @@ def _tinted(colours: FloatArray) -> FloatArray:
     return 0.25 + 0.75 * colours
 
 
-_MAP = ListedColormap(_tinted(viridis(np.linspace(0.0, 1.0, 256))))
+COLOURS = ListedColormap(_tinted(viridis(np.linspace(0.0, 1.0, 256))))
 
 
 def draw_still(
@@ -109,7 +110,7 @@ def draw_still(
         overlay_lines(axes, view, factor * truth.edges, rgba(EDGE, 0.45)[None], points=0.8)
     if uncertainty is None or scale is None:
         return None
-    return ScalarMappable(Normalize(1e3 * scale.low, 1e3 * scale.high), _MAP)
+    return ScalarMappable(Normalize(1e3 * scale.low, 1e3 * scale.high), COLOURS)
 
 
 def _hand_patches(
@@ -118,11 +119,9 @@ def _hand_patches(
     """Return the links of a hand at their poses, scaled by `factor` about O."""
     tips = {pad.link for pad in hand.pads}
     patches = []
-    for geometry in hand.link_geometries:
-        mesh = geometry.mesh.copy()
-        mesh.apply_transform(links[geometry.link] @ geometry.X_LG)
-        mesh.apply_scale(factor)
-        base = geometry.link == hand.base_link
-        colour = _PAD if geometry.link in tips else _PALM if base else _LINK
-        patches.append(mesh_patches(view, mesh, colour, piece=0.006))
+    for link in hand.links:
+        colour = _PAD if link in tips else _PALM if link == hand.base_link else _LINK
+        for mesh in link_looks(hand, link):
+            placed = mesh.copy().apply_transform(links[link]).apply_scale(factor)
+            patches.append(mesh_patches(view, placed, colour, piece=0.006))
     return patches

@@ -19,18 +19,20 @@ from lis_grasp_studies.figures.palette import (
     estimator_label,
 )
 
-WIDTH = 7.16
-"""Of every figure [in]: the two columns of an IEEE page."""
+WIDTH, COLUMN = 7.16, 3.5
+"""Of figures [in]: the two columns of an IEEE page, and one of them."""
 
 SMALL, NORMAL, LARGE = 8.0, 8.5, 9.5
 """Sizes of type [pt]."""
 
-_DRAWN_WIDTH = 9.0  # [in] of the width for which figures give their heights
+DRAWN_WIDTH = 9.0
+"""For which figures give their heights [in]."""
 
 
-def new_figure(height: float) -> Figure:
-    """Return an empty white figure of the common width; its height is `height` / 9 of that."""
-    return Figure(figsize=(WIDTH, height * WIDTH / _DRAWN_WIDTH), dpi=100, facecolor="white")
+def new_figure(height: float, width: float = WIDTH, *, drawn_width: float = DRAWN_WIDTH) -> Figure:
+    """Return an empty white figure; `height` is for the drawn width, and scaled to `width` [in]."""
+    size = (width, height * width / drawn_width)
+    return Figure(figsize=size, dpi=100, facecolor="white")
 
 
 def png_of(figure: Figure, *, dots_per_inch: int = 250) -> bytes:

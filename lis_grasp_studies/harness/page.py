@@ -40,14 +40,16 @@ class Picture:
     caption: str
     png: bytes
     pdf: bytes
+    narrow: Picture | None = None  #: the same for one column of a page
 
     @classmethod
-    def of(cls, title: str, caption: str, figure: Figure) -> Picture:
-        """Return the picture of a drawn figure."""
+    def of(cls, title: str, caption: str, figure: Figure, narrow: Figure | None = None) -> Picture:
+        """Return the picture of a drawn figure, perhaps with another for one column."""
         # The option of the command line needs no matplotlib.
         from lis_grasp_studies.figures.style import pdf_of, png_of
 
-        return cls(title, caption, png_of(figure), pdf_of(figure))
+        column = None if narrow is None else cls.of(f"{title}, one column", caption, narrow)
+        return cls(title, caption, png_of(figure), pdf_of(figure), column)
 
     @property
     def file_name(self) -> str:
@@ -60,6 +62,8 @@ class Picture:
         for suffix, content in ((".png", self.png), (".pdf", self.pdf)):
             with whole_file(folder / f"{self.file_name}{suffix}") as temporary:
                 temporary.write_bytes(content)
+        if self.narrow is not None:
+            self.narrow.save(folder)
 
     def html(self) -> str:
         """Return the figure with its caption as HTML."""
@@ -76,7 +80,8 @@ def add_figures(parser: argparse.ArgumentParser) -> None:
         "--figures",
         type=Path,
         metavar="DIR",
-        help="also write each figure as PDF and PNG, as wide as two columns of an IEEE page",
+        help="also write each figure as PDF and PNG, as wide as two columns of an IEEE page,"
+        " charts of bars for one column too",
     )
 
 
@@ -86,7 +91,8 @@ def write_figures(folder: Path | None, pictures: Sequence[Picture]) -> None:
         return
     for picture in pictures:
         picture.save(folder)
-    say(f"wrote {len(pictures)} figures as .pdf and .png to {folder}")
+    number = sum(1 if picture.narrow is None else 2 for picture in pictures)
+    say(f"wrote {number} figures as .pdf and .png to {folder}")
 
 
 def write_page(path: Path, title: str, sections: Sequence[str]) -> None:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from lis_grasp.io.json_lines import Row
 from lis_grasp.version import __version__
 from lis_grasp_studies.figures import CHART_CAPTIONS, FIGURES, charts
+from lis_grasp_studies.figures.style import COLUMN, WIDTH
 from lis_grasp_studies.harness.page import Picture, write_page
 from lis_grasp_studies.harness.statistics import MeasureTable
 from lis_grasp_studies.paper import tables
@@ -32,7 +33,7 @@ TITLES = {
 _SHOWN = ("gpis", "lis", "blend")
 _UNDER_NOISE = (*_SHOWN, "gpis_thin_plate", "hermite_rbf")
 
-Entry = tuple[str, str, Callable[[], Figure]]
+Entry = tuple[str, str, Callable[..., Figure]]
 
 
 def write_report(
@@ -88,7 +89,9 @@ def draw_pictures(
         *_charts_of_bands(rows),
     ]
     for k, (title, caption, draw) in enumerate(entries):
-        yield Picture.of(title, caption, draw())
+        # Charts of bars are drawn for one column too.
+        narrow = draw(width=COLUMN) if isinstance(draw, partial) else None
+        yield Picture.of(title, caption, draw(), narrow)
         if progress is not None:
             progress(k + 1, len(entries))
 
@@ -147,7 +150,7 @@ def _charts_of_bands(rows: Sequence[Row]) -> list[Entry]:
     ]
 
 
-def object_bars(table: MeasureTable, title: str) -> Figure:
+def object_bars(table: MeasureTable, title: str, width: float = WIDTH) -> Figure:
     """Draw the values of the estimators shown, in mm; objects without any are left out."""
     values: dict[str, dict[str, list[float]]] = {
         estimator: {
@@ -158,7 +161,7 @@ def object_bars(table: MeasureTable, title: str) -> Figure:
         for estimator in _SHOWN
         if estimator in table.estimators
     }
-    return charts.bars(values, title=title, ylabel="RMSD [mm]")
+    return charts.bars(values, title=title, ylabel="RMSD [mm]", width=width)
 
 
 def _levels(table: MeasureTable) -> dict[str, np.ndarray]:

@@ -25,6 +25,8 @@ from lis_grasp_studies.contact_study.tables import (
 )
 from lis_grasp_studies.estimators import COMPETITORS, TUNED, compared_estimator
 
+_KINDS = {".pdf": b"%PDF", ".png": b"\x89PNG"}  # how files of figures begin
+
 
 def row(name: str, estimator: str, errors: tuple[float, float], **facts: Any) -> dict[str, Any]:
     return {
@@ -140,7 +142,8 @@ def test_the_command_writes_tables_and_continues(
     assert {r["estimator"] for r in added} == {"thin_plate"}
     figures = {path.name: path.read_bytes()[:4] for path in (tmp_path / "figures").iterdir()}
     name = "errors_of_surfaces_by_family"
-    assert figures == {f"{name}.pdf": b"%PDF", f"{name}.png": b"\x89PNG"}
+    names = (name, f"{name}_one_column")
+    assert figures == {f"{n}{end}": begin for n in names for end, begin in _KINDS.items()}
     page = (tmp_path / "surfaces.md").read_text()
     assert "lis-grasp surfaces --shapes development --families organic" in page
     with (tmp_path / "rows.csv").open() as file:

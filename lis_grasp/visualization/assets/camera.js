@@ -54,9 +54,10 @@ const Eye = (viewer, scene, story) => {
     return { target, distance };
   }
 
-  // The arrows extend beyond the object's outline by about this factor.
+  // The arrows extend beyond the object's outline by about the first factor, fingers by the second.
+  const wider = scene.touches.some((touch) => touch) ? 1.6 : 1.25;
   const centre = new THREE.Box3().setFromPoints(vectors(scene.camera.object)).getCenter(new THREE.Vector3());
-  const withArrows = (p) => new THREE.Vector3(...p).sub(centre).multiplyScalar(1.25).add(centre).toArray();
+  const withArrows = (p) => new THREE.Vector3(...p).sub(centre).multiplyScalar(wider).add(centre).toArray();
 
   const aimLights = Appearance.addLights(viewer.scene, middle, reach);
 

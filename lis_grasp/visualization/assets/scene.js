@@ -269,7 +269,7 @@
       zoom: Math.max(0.05, number("zoom", 1)),
     };
     const small = window.innerWidth <= 640 || window.innerHeight <= 480;
-    element("panel").open = asked.has("panel") ? asked.get("panel") !== "0" : !small;
+    element("panel").open = asked.has("panel") ? asked.get("panel") === "1" : !small;
     document.body.classList.toggle("bare", asked.get("panel") === "0");
     playing = false;
     for (const input of document.querySelectorAll("[data-layer]")) input.checked = wanted.get(input.dataset.layer);
