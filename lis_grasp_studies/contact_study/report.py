@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from lis_grasp.io.atomic_writing import write_text
@@ -85,13 +86,14 @@ def family_chart(ratios: Sequence[ErrorRatio], reference: str, others: Sequence[
             both = 0.5 * (ratio.truth_to_estimate + ratio.estimate_to_truth)
             values[ratio.estimator].setdefault(ratio.family, []).append(both)
     label = estimator_label(reference)
-    words = {"title": "Errors by family", "ylabel": f"error / error of {label}"}
+    words = f"error / error of {label}"
+    draw = partial(charts.bars, values, title="Errors by family", ylabel=words)
     return Picture.of(
         "Errors of surfaces by family",
         f"Error over that of {label}, mean of truth to estimate and estimate to truth. Dots are"
         " contact sets, bars their means, lines one standard deviation.",
-        charts.bars(values, **words),
-        charts.bars(values, width=COLUMN, **words),
+        draw(),
+        draw(width=COLUMN),
     )
 
 
