@@ -105,9 +105,15 @@ def run(
 
 def _contacts(folder: Path, exploration: Exploration, scenario: Scenario) -> Contacts:
     contacts = Contacts.load(folder / "contacts.ply")
-    if len(contacts):
-        return contacts
     height, lowest = float(scenario.truth.shape.mesh.extents[2]), lowest_tip(0.0)
+    if len(contacts):
+        top = contacts.bounds[1, 2] - scenario.known.support
+        if top <= lowest:
+            raise EstimationError(
+                f"the object is {1e3 * top:.2g} mm high where it was touched, too low for"
+                " fingertips on a table: turn it so that it stands higher"
+            )
+        return contacts
     why = "check that the region contains the object and that the hand gets there"
     if scenario.config.region is not None and height < 1.001 * lowest:  # STL is in single precision
         why = (

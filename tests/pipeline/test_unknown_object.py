@@ -97,6 +97,8 @@ def test_an_object_below_the_fingertips_that_search_for_it_is_named(tmp_path: Pa
     config = RunConfig(**UNKNOWN, object=str(tmp_path / "card.stl"), hand="wsg50", touches=10)
     with pytest.raises(EstimationError, match=r"0.8 mm high, and fingertips .* stay 1.5 mm above"):
         run(config, folder=tmp_path / "card")
+    with pytest.raises(EstimationError, match="0.8 mm high where it was touched, too low"):
+        run(RunConfig(config.object, hand="wsg50", touches=10, prober="kinematic"), tmp_path / "b")
 
 
 @pytest.mark.slow
