@@ -25,7 +25,9 @@ LIFT = 0.1
 
 _MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
 _MAX_AXIS_ERROR = 0.02  # [rad] of a contact beyond its pad's border
-_CLEARANCE, _SPARE = 0.0004, 0.0003  # [m] of the hand from the support; more for the initial guess
+TIP_CLEARANCE = 0.00005
+"""Least height of planned fingertips above the support [m]: they may slide on it."""
+_CLEARANCE = 0.0004  # [m] of the hand's other links from the support
 _ARM_CLEARANCE = 0.001  # [m] the same of a hand on an arm, which sags by up to 1 mm
 # An opened hand on an arm is free to go on by this [m]: the palm keeps off the object.
 _ARM_ERROR = 0.002
@@ -65,16 +67,18 @@ class CandidateFilter:
     ) -> None:
         self._reach_check = None if reach is None else reach.reach_check(mesh)
         self._hand = hand
-        clearance, spare = _CLEARANCE, _SPARE
+        clearance = _CLEARANCE if reach is None else _ARM_CLEARANCE
+        # Fingertips feel the support: an arm that goes too far stops there.
+        self._tips_lower = {"grasp": clearance, "approach": clearance}
         if reach is not None:
-            clearance, spare = _ARM_CLEARANCE, _SPARE + _ARM_ERROR
+            self._tips_lower["approach"] += _ARM_ERROR
         self._checker = HandCollisionChecker(
             hand, mesh, support_height=support_height, clearance=clearance, obstacles=obstacles
         )
         self._filter = HandPoseFilter(hand, mesh)
         self._is_fixed = np.isin(hand.fingers, hand.fixed_fingers)  # (F,)
         self._opening = np.where(self._is_fixed, 0.0, 1.0 + self._is_fixed.any())[:, None]
-        floor = None if support_height is None else support_height + clearance + spare
+        floor = None if support_height is None else support_height + TIP_CLEARANCE
         self._fingertips = FingertipContacts(hand, self._checker, floor=floor)
         self.rejected: Counter[str] = Counter()
 
@@ -153,7 +157,12 @@ class CandidateFilter:
         free = ~self._filter.collides(X_OH, q, pads_may_touch=pads_may_touch)
         self.rejected[f"{stage}_hits_object"] += int((~free).sum())
         rest = np.flatnonzero(free)
-        hits = self._checker.first_collisions(paths[rest], q[rest], pads_may_touch=pads_may_touch)
+        hits = self._checker.first_collisions(
+            paths[rest],
+            q[rest],
+            pads_may_touch=pads_may_touch,
+            tips_lower=self._tips_lower[stage],
+        )
         for b, hit in zip(rest, hits, strict=True):
             if hit is not None:
                 self.rejected[f"{stage}_hits_{hit}"] += 1

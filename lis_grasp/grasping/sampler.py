@@ -19,7 +19,7 @@ from lis_grasp.grasping._antipodal_sampling import (
     SPREADS,
     sample_contact_sets,
 )
-from lis_grasp.grasping._candidate_filter import CandidateFilter
+from lis_grasp.grasping._candidate_filter import TIP_CLEARANCE, CandidateFilter
 from lis_grasp.grasping._contact_samples import SurfaceSamples
 from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasp_ranking import GraspScorer
@@ -37,13 +37,14 @@ CANDIDATES = 4000
 _ENOUGH = 3
 # Contact sets per batch; the first one expects this many for each robust grasp.
 _SMALLEST_BATCH, _LARGEST_BATCH, _SETS_PER_GRASP = 50, 300, 4
-# Least height of a pad above the support [m].
-_LOWEST_PAD = 0.0006
 # Standard deviation of the distance between a link and the surface where both are planned [m].
 _LINK_ERROR = 0.002
 # Refinement: standard deviations of the steps [m]; perturbed grasps, of which the best are tried.
 _STEPS = (0.01, 0.01, 0.005, 0.005, 0.0025)
 _PERTURBATIONS, _TRIED = 8, 2
+# Least cosine between the normals of a contact before and after a step: no finger goes from the
+# side of a low object to its top.
+_SAME_SIDE = 0.5
 
 
 class ForceClosureSampler:
@@ -141,7 +142,7 @@ class ForceClosureSampler:
                 every = {"lower_than_fingertips": self.candidates}
                 return GraspSearch((), every, self.candidates)
         rng = np.random.default_rng(rng)
-        lowest = -np.inf if support_height is None else support_height + _LOWEST_PAD
+        lowest = -np.inf if support_height is None else support_height + TIP_CLEARANCE
         radius = min(pad.radius for pad in self.hand.pads)
         samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, pad_radius=radius)
         candidate_filter = CandidateFilter(
@@ -319,6 +320,7 @@ def perturb_grasps(
     )
     moved = parent.points + (1.0 - alone) * steps[:, :1] + alone * steps[:, 1:]
     on_surface, normals, usable = samples.nearest(moved, parent.normals)
+    usable &= (normals * parent.normals).sum(axis=-1) > _SAME_SIDE
     used, X_OH = parent.used[..., None], parent.X_OH
     shift = ((on_surface - parent.points) * used).sum(axis=1) / used.sum(axis=1)
     X_OH[:, :3, 3] += shift

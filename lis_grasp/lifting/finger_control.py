@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.geometry import apply_inverse, apply_pose, unit
+from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.hand_capacity import EFFORT_FRACTION, balanced_grip
-from lis_grasp.lifting.scene import HandContact, LiftingScene
+from lis_grasp.grasping.inverse_kinematics import solve_ik
+from lis_grasp.lifting.scene import HandContact, LiftingScene, Touched
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.object_mass import GRAVITY
@@ -19,6 +21,8 @@ from lis_grasp.typing import FloatArray
 
 # Force at which a finger stops closing: the weight of a few coins.
 _TOUCH_FORCE = 0.2  # [N]
+# Force on the table at which a finger stops searching the object [N].
+_TABLE_FORCE = 1.0
 _CLOSING_SPEED = 0.05  # [m/s] of the fastest pad
 SEARCH_SPEED = 0.03
 """Speed of a pad, or of a wrist with a fixed jaw, that searches its contact [m/s]."""
@@ -51,10 +55,10 @@ class FingerControl:
     """Controls the fingers of a hand through a grasp, from measured contacts.
 
     Guarded closing: every finger moves from the pregrasp to its planned posture, then along the
-    planned contact normal, until it touches. Then all touching fingers push with forces that
-    balance each other at the measured points and normals (`balanced_grip`): joint torques
-    ``tau = J^T f`` on top of soft springs that hold the posture. Once the object is weighed, they
-    balance its weight too, so that the springs do not yield to it.
+    planned contact normal, until it touches. Pads that slide on the table move along it. Then all
+    touching fingers push with forces that balance each other at the measured points and normals
+    (`balanced_grip`): joint torques ``tau = J^T f`` on top of soft springs that hold the posture.
+    Once the object is weighed, they balance its weight too, so that the springs do not yield to it.
     """
 
     def __init__(self, scene: LiftingScene, setup: LiftSetup) -> None:
@@ -68,6 +72,12 @@ class FingerControl:
         self._goal = np.array(grasp.joint_positions, dtype=np.float64)
         self._posture = self._start.copy()  # rest posture of the springs, (J,)
         self._searched = dict.fromkeys(self._planned_normals, 0.0)
+        for finger, p, n in zip(
+            grasp.contact_fingers, grasp.contact_points, grasp.contact_normals, strict=True
+        ):
+            if n[2] > 0.0:  # a pad on top of the object does not search inside the table
+                room = (p[2] - setup.support_height) / n[2]
+                self._searched[finger] = max(setup.options.search_distance - room, 0.0)
         self._grip = setup.grip_force(setup.options.assumed_mass or setup.mass)  # [N]
         self._contacts: dict[str, _FingerContact] = {}
         self._forces: dict[str, FloatArray] = {}  # on the object, in the palm's frame H
@@ -77,6 +87,15 @@ class FingerControl:
         travel = hand.pad_centers(np.eye(4), np.stack([self._start, self._goal]))  # (2, F, 3)
         longest = float(np.linalg.norm(travel[1] - travel[0], axis=-1).max())
         self._closing_time = max(longest / _CLOSING_SPEED, 0.1)
+        middle = 0.5 * (self._start + self._goal)
+        # (J,): of the posture half way off the straight line of postures
+        self._bulge = np.zeros_like(middle)
+        if setup.slides_on_table:
+            batch = GraspBatch.of_grasps([grasp], hand)
+            radii = np.array([pad.radius for pad in hand.pads])[:, None]
+            points = apply_pose(batch.X_OH, travel.mean(axis=0)) - radii * batch.normals
+            half_way = replace(batch, points=points, q=middle[None])
+            self._bulge = solve_ik(hand, half_way, palm_fixed=True).q[0] - middle
 
     @property
     def touching(self) -> tuple[str, ...]:
@@ -108,6 +127,11 @@ class FingerControl:
         """Close the fingers for `interval` [s]; return whether all have finished."""
         q = self._scene.joint_positions
         measured = self._contacts_by_finger()
+        blocked = {
+            finger
+            for finger, contacts in self._contacts_by_finger("table").items()
+            if sum(contact.strength for contact in contacts) > _TABLE_FORCE
+        }
         part = min(elapsed / self._closing_time, 1.0)
         limit = self._setup.options.search_distance
         moving = False
@@ -123,8 +147,9 @@ class FingerControl:
             elif part < 1.0:
                 motion = self._goal[joints] - self._start[joints]
                 self._posture[joints] = self._start[joints] + part * motion
+                self._posture[joints] += 4.0 * part * (1.0 - part) * self._bulge[joints]
                 moving = True
-            elif self._searched.get(finger, limit) < limit:
+            elif self._searched.get(finger, limit) < limit and finger not in blocked:
                 self._search(finger, SEARCH_SPEED * interval)
                 moving = True
         self._scene.command_fingers(self._posture, np.zeros(len(q)))
@@ -172,9 +197,9 @@ class FingerControl:
         """Keep pushing with the planned forces, which rotate with the palm."""
         self._scene.command_fingers(self._posture, self._efforts(self._forces))
 
-    def _contacts_by_finger(self) -> dict[str, list[HandContact]]:
+    def _contacts_by_finger(self, on: Touched = "object") -> dict[str, list[HandContact]]:
         contacts: dict[str, list[HandContact]] = {}
-        for contact in self._scene.contacts():
+        for contact in self._scene.contacts(on):
             finger = self._finger_of_link.get(contact.link)
             if finger is not None:
                 contacts.setdefault(finger, []).append(contact)

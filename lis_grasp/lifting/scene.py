@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.lifting.outcome import Reason
 from lis_grasp.lifting.wrist_path import WristPath, rest_at
 from lis_grasp.typing import FloatArray
+
+Touched = Literal["object", "table"]
+"""What a hand's contacts are with."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,12 +88,12 @@ class FreeWrist(Carrier):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandContact:
-    """Contact of a link of the hand with the object, in W."""
+    """Contact of a link of the hand with the object or the table, in W."""
 
     link: str
     point: FloatArray  # (3,) [m]: centre of the contact
-    normal: FloatArray  # (3,), unit, out of the object: mean
-    force: FloatArray  # (3,) [N], of the hand on the object
+    normal: FloatArray  # (3,), unit, out of the object or table: mean
+    force: FloatArray  # (3,) [N], of the hand on it
 
     @property
     def strength(self) -> float:
@@ -145,8 +148,8 @@ class LiftingScene(Protocol):
     def poses(self) -> dict[str, FloatArray]:
         """Return the pose of every hand link and the object, each (4, 4)."""
 
-    def contacts(self) -> Sequence[HandContact]:
-        """Return the contacts of the hand with the object, in a fixed order."""
+    def contacts(self, on: Touched = "object") -> Sequence[HandContact]:
+        """Return the contacts of the hand with the object or the table, in a fixed order."""
 
     def jacobian(self, link: str, p_L: FloatArray) -> FloatArray:
         """Return the Jacobian of a point p_L of a link with respect to the joints, (3, J)."""

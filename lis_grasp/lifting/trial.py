@@ -51,6 +51,11 @@ _SLIP_LIMIT = 0.006
 _AT_REST = 5e-5
 _REST_TIME = 0.5
 _UNEXPECTED_FORCE = 0.5  # [N] at which an approach with a tactile check stops
+# A guarded descent begins before the planned place [m], and ends as far behind it after a time [s],
+# or when the table pushes the hand with a force [N]. When fingers that close along the table push
+# it with more [N], the palm yields at a speed [m/s], at most as far, and returns when they do not.
+_GUARDED, _GUARDED_TIME = 0.001, 0.5
+_FELT_FORCE, _LARGEST_FORCE, _YIELD_SPEED = 0.3, 2.0, 0.02
 _RETREAT_TIME = 0.4  # [s]
 # A tactile check decides after a push with this fraction of the grip force for this time [s].
 _PRESS_FRACTION = 0.2
@@ -88,6 +93,7 @@ class LiftTrial:
         if setup.hand.fixed_fingers:
             self._arrival = self._retreat * min(SEATING / self._options.standoff, 1.0)
         self._here = np.zeros(6)
+        self._slides = setup.slides_on_table
         self._scene.place_hand(self._retreat, np.asarray(grasp.pregrasp_positions))
         self._closed, self._measured = False, Contacts.empty()
         self._hull = np.asarray(setup.mesh.convex_hull.vertices)  # the lowest one is a hull vertex
@@ -155,24 +161,50 @@ class LiftTrial:
         transit = self._scene.carrier.bring()
         if transit is not None:
             self._move(transit)
-        duration = self._options.approach_time
-        path = line(self._retreat, self._arrival, duration)
+        duration, end = self._options.approach_time, self._arrival
+        if self._slides:
+            end = _GUARDED / self._options.standoff * self._retreat
         stop = self._stop_at_contact if self._accept_grasp is not None else None
-        self._advance(duration, path, stop)
+        self._advance(duration, line(self._retreat, end, duration), stop)
+        if self._slides and not len(self._measured):
+            self._descend(end, stop)
         if len(self._measured):
             return "aborted"
         self._advance(_SETTLE_TIME, rest_at(self._arrival))
+        self._here = self._arrival.copy()
         error = float(np.linalg.norm(self._displacement() - self._arrival))
         blocked = error > self._options.largest_push or self._pushed()
         return "collision_on_approach" if blocked else None
+
+    def _descend(self, above: FloatArray, stop: _FingerCommand | None) -> None:
+        """Go on along the approach until fingertips feel the table, and close there."""
+
+        def felt(time: float) -> bool:
+            return self._force_on_table() > _FELT_FORCE or (stop is not None and stop(time))
+
+        self._advance(_GUARDED_TIME, line(above, -above, _GUARDED_TIME), felt)
+        self._arrival = self._displacement()
+
+    def _force_on_table(self) -> float:
+        """Return the force with which the hand pushes the table down [N]."""
+        return -float(sum(contact.force[2] for contact in self._scene.contacts("table")))
 
     def _close(self) -> Reason | None:
         self._scene.carrier.expect_contact()
         if self._setup.hand.fixed_fingers:
             self._seat()
-        here = rest_at(self._here)
         interval = 1.0 / _CONTROL_RATE
-        self._advance(_CLOSING_LIMIT, here, lambda time: self._control.close(time, interval))
+
+        def close(time: float) -> bool:
+            if self._slides:
+                force, way = self._force_on_table(), _YIELD_SPEED * interval
+                rise = way * ((force > _LARGEST_FORCE) - (force < _FELT_FORCE))
+                rise = min(max(self._here[2] - self._arrival[2] + rise, 0.0), _GUARDED)
+                self._here[2] = self._arrival[2] + rise
+            return self._control.close(time, interval)
+
+        self._advance(_CLOSING_LIMIT, lambda _: (self._here, np.zeros(6)), close)
+        here = rest_at(self._here)
         if self._accept_grasp is not None and len(self._control.touching) >= 2:
             self._advance(_PRESS_TIME, here, self._press)
         self._closed, self._measured = True, self._felt(self._control.measured_contacts())

@@ -70,13 +70,11 @@ class HandCollisionChecker:
         self._manager = fcl.DynamicAABBTreeCollisionManager()
         self._manager.registerObjects(self._bodies)
         self._manager.setup()
+        tips = hand.fingertip_links
+        self._is_tip = [geometry.link in tips for geometry in hand.link_geometries]
         self._inner = fcl.DynamicAABBTreeCollisionManager()
         self._inner.registerObjects(
-            [
-                body
-                for body, geometry in zip(self._bodies, hand.link_geometries, strict=True)
-                if geometry.link not in hand.fingertip_links
-            ]
+            [body for body, is_tip in zip(self._bodies, self._is_tip, strict=True) if not is_tip]
         )
         self._inner.setup()
         # A contact names the two shapes that meet, by identity.
@@ -85,7 +83,12 @@ class HandCollisionChecker:
         self._pads = hand.pad_links
 
     def first_collisions(
-        self, paths: FloatArray, q: FloatArray, *, pads_may_touch: bool = False
+        self,
+        paths: FloatArray,
+        q: FloatArray,
+        *,
+        pads_may_touch: bool = False,
+        tips_lower: float = 0.0,
     ) -> list[str | None]:
         """Return the first collision on each of N paths, None if there is none.
 
@@ -93,9 +96,11 @@ class HandCollisionChecker:
 
         `paths` (N, W, 4, 4) are poses of the palm in O, `q` (N, J) joint positions. With
         `pads_may_touch` the links that carry pads may touch the object, and nothing else.
+        Fingertips may be closer to the support than the clearance, by `tips_lower` [m].
         """
         poses = self.poses_in_hand(q)  # (N, G, 4, 4)
-        heights = self.lowest(paths[:, :, None] @ poses[:, None])  # (N, W)
+        # (N, W)
+        heights = self.lowest(paths[:, :, None] @ poses[:, None], tips_lower=tips_lower)
         return [
             self._first_collision(*each, pads_may_touch=pads_may_touch)
             for each in zip(paths, heights, poses, strict=True)
@@ -169,12 +174,15 @@ class HandCollisionChecker:
         self._manager.update()
         return poses
 
-    def lowest(self, poses: FloatArray) -> FloatArray:
-        """Return the height of the hand's lowest point [m], bodies at poses X_OG (..., G, 4, 4)."""
+    def lowest(self, poses: FloatArray, *, tips_lower: float = 0.0) -> FloatArray:
+        """Return the height of the hand's lowest point [m], bodies at poses X_OG (..., G, 4, 4).
+
+        Points of fingertips count as higher by `tips_lower` [m].
+        """
         heights = [
-            (X[..., 2, :3] @ points.T).min(axis=-1) + X[..., 2, 3] - thickness
-            for (points, thickness), X in zip(
-                self._outlines, np.moveaxis(poses, -3, 0), strict=True
+            (X[..., 2, :3] @ points.T).min(axis=-1) + X[..., 2, 3] - thickness + tips_lower * is_tip
+            for (points, thickness), X, is_tip in zip(
+                self._outlines, np.moveaxis(poses, -3, 0), self._is_tip, strict=True
             )
         ]
         return np.asarray(np.min(heights, axis=0))

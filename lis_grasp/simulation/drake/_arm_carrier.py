@@ -41,6 +41,7 @@ class ArmCarrier(Carrier):
         self._plant, self._X_WB, self._transit = plant, setup.X_WB, setup.arm.transit
         self._arm = add_arm(plant, setup.arm.station, hand, setup.grasp.pregrasp_positions)
         self._q = self._transit.positions[0]
+        self._slides = setup.slides_on_table
 
     def connect(self, scene: PlantScene) -> None:
         """Take the scene of the finalized plant."""
@@ -48,7 +49,7 @@ class ArmCarrier(Carrier):
         self._forces = self._plant.get_applied_spatial_force_input_port()
         self._forces.FixValue(self._context, [])
         self._pushing = False
-        self._watch = ArmWatch(scene, self._arm)
+        self._watch = ArmWatch(scene, self._arm, slides=self._slides)
 
     @property
     def use(self) -> ArmUse:

@@ -13,6 +13,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
+from lis_grasp.lifting.scene import Touched
 from lis_grasp.simulation.drake.contact_patches import LinkContact, link_contacts
 from lis_grasp.simulation.drake.hand_plant import HandInPlant
 from lis_grasp.simulation.drake.object_plant import ObjectInPlant, let_rest
@@ -108,7 +109,8 @@ class PlantScene:
         felt: Contacts = port.Eval(context)
         return felt
 
-    def contacts(self) -> list[LinkContact]:
-        """Return the contacts of the hand with the object, in Drake's order."""
+    def contacts(self, on: Touched = "object") -> list[LinkContact]:
+        """Return the contacts of the hand with the object or the table, in Drake's order."""
         results = self.plant.get_contact_results_output_port().Eval(self.context)
-        return link_contacts(results, {self.object.geometry}, self.hand.link_of_geometry)
+        touched = self.object.geometry if on == "object" else self.table
+        return link_contacts(results, {touched}, self.hand.link_of_geometry)

@@ -198,8 +198,8 @@ class ArmWatch:
     Wanted are contacts of the object with fingertips and pads: links that carry a pad or lead in a
     probe posture, and those fixed to them. No other link of the hand should touch the object, none
     the table, and a link of the arm nothing at all. While the hand is to be `free` of the object,
-    even pads should not touch it. A contact of the arm ends the motion, and, where `object_ends`
-    it, an unwanted one of the object.
+    even pads should not touch it. With `slides`, fingertips may touch the table. A contact of the
+    arm ends the motion, and, where `object_ends` it, an unwanted one of the object.
     """
 
     def __init__(
@@ -209,10 +209,11 @@ class ArmWatch:
         *,
         use: ArmUse | None = None,
         object_ends: bool = False,
+        slides: bool = False,
     ) -> None:
         plant = scene.plant
         self.use = ArmUse() if use is None else use
-        self.free = object_ends
+        self.free, self._slides = object_ends, slides
         self._wanted = arm.hand.hand.fingertip_links
         self._plant, self._context, self._arm = plant, scene.context, arm
         self._table, self._object_ends = scene.table, object_ends
@@ -266,7 +267,8 @@ class ArmWatch:
             return False
         # The arm or the hand is named first.
         names = sorted(map(self._name, (first, second)), key=lambda n: (n in (TABLE, OBJECT), n))
-        if not of_arm and names[1] == OBJECT and names[0] in self._wanted and not self.free:
+        wanted = self._slides if names[1] == TABLE else names[1] == OBJECT and not self.free
+        if not of_arm and names[0] in self._wanted and wanted:
             return False
         together = " with ".join(names)
         self.use.contacts[together] = self.use.contacts.get(together, 0) + 1

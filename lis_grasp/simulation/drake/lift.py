@@ -20,7 +20,7 @@ from pydrake.multibody.tree import (
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.geometry import make_pose, rotate
 from lis_grasp.lifting.outcome import LiftOutcome
-from lis_grasp.lifting.scene import FreeWrist
+from lis_grasp.lifting.scene import FreeWrist, Touched
 from lis_grasp.lifting.setup import (
     WRIST_DAMPING,
     WRIST_LIMITS,
@@ -187,9 +187,9 @@ class LiftScene:
         links = {name: self.X_WL(name) for name in self._hand.links.bodies}
         return {**links, OBJECT: self.X_WO, **self.carrier.poses()}
 
-    def contacts(self) -> list[LinkContact]:
-        """Return the contacts of the hand with the object, in a fixed order."""
-        return self._scene.contacts()
+    def contacts(self, on: Touched = "object") -> list[LinkContact]:
+        """Return the contacts of the hand with the object or the table, in a fixed order."""
+        return self._scene.contacts(on)
 
     def jacobian(self, link: str, p_L: FloatArray) -> FloatArray:
         """Return the Jacobian of a point p_L of a link with respect to the joints, shape (3, J).

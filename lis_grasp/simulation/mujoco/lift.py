@@ -11,7 +11,7 @@ from lis_grasp.exceptions import SimulationError
 from lis_grasp.geometry import apply_pose, make_pose, rotate, unit
 from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.lifting.outcome import LiftOutcome
-from lis_grasp.lifting.scene import FreeWrist, HandContact
+from lis_grasp.lifting.scene import FreeWrist, HandContact, Touched
 from lis_grasp.lifting.setup import WRIST_DAMPING, WRIST_STIFFNESS, LiftSetup, finger_gains
 from lis_grasp.lifting.trial import AcceptGrasp, LiftTrial
 from lis_grasp.motion import OBJECT
@@ -151,9 +151,10 @@ class MujocoScene:
         """Return the pose of every hand link and the object, each (4, 4)."""
         return {**{link: self.X_WL(link) for link in self._bodies}, OBJECT: self.X_WO}
 
-    def contacts(self) -> list[HandContact]:
-        """Return the contacts of the hand with the object, in a fixed order."""
-        return _merged_contacts(self._model, self._data, self._object, self._link_of_geom)
+    def contacts(self, on: Touched = "object") -> list[HandContact]:
+        """Return the contacts of the hand with the object or the table, in a fixed order."""
+        body = self._object if on == "object" else 0  # the world's
+        return _merged_contacts(self._model, self._data, body, self._link_of_geom)
 
     def jacobian(self, link: str, p_L: FloatArray) -> FloatArray:
         """Return the Jacobian of a point p_L of a link with respect to the joints, shape (3, J).
@@ -178,9 +179,9 @@ class MujocoScene:
 
 
 def _merged_contacts(
-    model: mujoco.MjModel, data: mujoco.MjData, object_body: int, link_of_geom: Mapping[int, str]
+    model: mujoco.MjModel, data: mujoco.MjData, touched: int, link_of_geom: Mapping[int, str]
 ) -> list[HandContact]:
-    """Return the contacts that exert a force, one for each body of the hand, in MuJoCo's order.
+    """Return the contacts that exert a force on a body, one for each of the hand, in order.
 
     Drake's contact patch is one for each pair of bodies; MuJoCo gives several points of it, and
     several convex pieces of the object. `link_of_geom` are the hand's bodies by number.
@@ -188,9 +189,9 @@ def _merged_contacts(
     sums: dict[int, tuple[FloatArray, FloatArray, FloatArray, float]] = {}
     for number in range(data.ncon):
         first, second = (int(geom) for geom in data.contact.geom[number])
-        if model.geom_bodyid[first] == object_body:
+        if model.geom_bodyid[first] == touched:
             geom, outward = second, 1.0  # MuJoCo's normal is from the first to the second
-        elif model.geom_bodyid[second] == object_body:
+        elif model.geom_bodyid[second] == touched:
             geom, outward = first, -1.0
         else:
             continue
