@@ -100,8 +100,8 @@ class LiftSetup:
             for g in hand.link_geometries
             if g.link in hand.fingertip_links
         ]
-        lowest = min(heights, default=np.inf)
-        return not hand.fixed_fingers and bool(lowest - self.support_height < _NEAR_TABLE)
+        off = abs(min(heights, default=np.inf) - self.support_height)
+        return not hand.fixed_fingers and bool(off < _NEAR_TABLE)
 
     @property
     def grip_friction(self) -> float:

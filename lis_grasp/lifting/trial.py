@@ -166,12 +166,12 @@ class LiftTrial:
             end = _GUARDED / self._options.standoff * self._retreat
         stop = self._stop_at_contact if self._accept_grasp is not None else None
         self._advance(duration, line(self._retreat, end, duration), stop)
+        self._here = self._arrival.copy()
         if self._slides and not len(self._measured):
             self._descend(end, stop)
         if len(self._measured):
             return "aborted"
-        self._advance(_SETTLE_TIME, rest_at(self._arrival))
-        self._here = self._arrival.copy()
+        self._advance(_SETTLE_TIME, rest_at(self._here))
         error = float(np.linalg.norm(self._displacement() - self._arrival))
         blocked = error > self._options.largest_push or self._pushed()
         return "collision_on_approach" if blocked else None
@@ -183,7 +183,7 @@ class LiftTrial:
             return self._force_on_table() > _FELT_FORCE or (stop is not None and stop(time))
 
         self._advance(_GUARDED_TIME, line(above, -above, _GUARDED_TIME), felt)
-        self._arrival = self._displacement()
+        self._here = self._displacement()
 
     def _force_on_table(self) -> float:
         """Return the force with which the hand pushes the table down [N]."""
@@ -193,14 +193,13 @@ class LiftTrial:
         self._scene.carrier.expect_contact()
         if self._setup.hand.fixed_fingers:
             self._seat()
-        interval = 1.0 / _CONTROL_RATE
+        interval, floor = 1.0 / _CONTROL_RATE, self._here[2]
 
         def close(time: float) -> bool:
             if self._slides:
                 force, way = self._force_on_table(), _YIELD_SPEED * interval
                 rise = way * ((force > _LARGEST_FORCE) - (force < _FELT_FORCE))
-                rise = min(max(self._here[2] - self._arrival[2] + rise, 0.0), _GUARDED)
-                self._here[2] = self._arrival[2] + rise
+                self._here[2] = np.clip(self._here[2] + rise, floor, floor + _GUARDED)
             return self._control.close(time, interval)
 
         self._advance(_CLOSING_LIMIT, lambda _: (self._here, np.zeros(6)), close)
