@@ -13,8 +13,8 @@ from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.robots.hand import Hand, thumb_of
 from lis_grasp.typing import BoolArray, FloatArray
 
-# The thumb pushes sideways: its normal is at most this far from the horizontal.
-_STEEPEST = np.sin(np.deg2rad(40.0))
+# Sines of the thumb's largest angle with the horizontal: it pushes sideways, or is under a rim.
+STEEPEST, RIM = np.sin(np.deg2rad(40.0)), np.sin(np.deg2rad(75.0))
 _APPROACH_ANGLES = np.deg2rad([0.0, 0.0, -20.0, 20.0, -40.0, 40.0, -65.0, 65.0])
 # Distances of the fingers beside each other, as fractions of those in the widest pregrasp.
 SPREADS, NARROW_SPREADS = (0.55, 0.75, 1.0), (0.15, 0.25, 0.4)
@@ -39,6 +39,7 @@ def sample_contact_sets(
     *,
     count: int,
     spreads: Sequence[float] = SPREADS,
+    steepest: float = STEEPEST,
     rng: np.random.Generator,
 ) -> tuple[GraspBatch, dict[str, int]]:
     """Sample sets of contacts: one pad, the thumb, opposite to the other pads.
@@ -66,7 +67,7 @@ def sample_contact_sets(
     pads = len(hand.pads)
     rejected = {"steep": 0, "no_opposing_surface": 0, "no_surface_for_a_finger": 0}
     sets: list[tuple[FloatArray, FloatArray, BoolArray, BoolArray, FloatArray]] = []
-    level = np.flatnonzero(np.abs(samples.normals[:, 2]) <= _STEEPEST)
+    level = np.flatnonzero(np.abs(samples.normals[:, 2]) <= steepest)
     if not len(level):
         rejected["steep"] = count
     for _ in range(count if len(level) else 0):

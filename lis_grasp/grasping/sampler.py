@@ -16,7 +16,9 @@ from lis_grasp.exceptions import InvalidMeshError, require_at_least
 from lis_grasp.geometry import rotate
 from lis_grasp.grasping._antipodal_sampling import (
     NARROW_SPREADS,
+    RIM,
     SPREADS,
+    STEEPEST,
     sample_contact_sets,
 )
 from lis_grasp.grasping._candidate_filter import TIP_CLEARANCE, CandidateFilter
@@ -30,6 +32,8 @@ from lis_grasp.typing import FloatArray, IndexArray, Seed
 
 _LOG = logging.getLogger(__name__)
 
+# Fingers closer together; and walls that are pinched at their rim, from above and below.
+_LAST_RESORTS = ((NARROW_SPREADS, STEEPEST), (SPREADS, RIM))
 CANDIDATES = 4000
 """Largest number of sampled contact sets."""
 
@@ -53,7 +57,7 @@ class ForceClosureSampler:
     1. Contact sets are drawn where the surface is flat enough for a pad and supported by touches
        (`sample_contact_sets`). If few grasps result, convex bends and narrow faces are used too:
        edges, thin rods, small balls and low plates. If none results,
-       mostly for want of surface beside the first finger's contact, fingers come closer together.
+       fingers come closer together, and then rims are pinched from above and below.
     2. Inverse kinematics gives the palm's pose and the joints, and candidates that collide are
        rejected (`CandidateFilter`).
     3. `GraspScorer` rejects what is not in force closure, and predicts the success of the rest.
@@ -66,7 +70,7 @@ class ForceClosureSampler:
     prior
         What is known of the object's mass and friction; None for `load`.
     candidates
-        Largest number of sampled contact sets, as many again with bends, and with closer fingers.
+        Largest number of sampled contact sets, as many again with bends, and as last resorts.
         Sampling ends early when enough grasps are robust. Refinement tries up to ten more sets for
         each grasp.
     station
@@ -162,9 +166,9 @@ class ForceClosureSampler:
                 mesh, lowest=lowest, rng=rng, bends=True, pad_radius=radius
             )
             search.draw_enough(2 * self.candidates, count)
-        if search.fingers_are_too_far_apart():
-            search.spreads = NARROW_SPREADS
-            search.draw_enough(3 * self.candidates, count)
+        for search.spreads, search.steepest in _LAST_RESORTS:
+            if not len(search):
+                search.draw_enough(search.drawn + self.candidates // 2, count)
         search.refine(count)
         search.predict_success()
         return search.result()
@@ -183,6 +187,7 @@ class _Search:
     rejected: Counter[str] = field(default_factory=Counter)
     drawn: int = 0
     spreads: Sequence[float] = SPREADS
+    steepest: float = STEEPEST
 
     def __len__(self) -> int:
         return 0 if self.grasps is None else len(self.grasps)
@@ -208,17 +213,16 @@ class _Search:
             self.rejected["no_flat_supported_surface"] += count
             return
         sets, failed = sample_contact_sets(
-            self.hand, self.samples, count=count, spreads=self.spreads, rng=self.rng
+            self.hand,
+            self.samples,
+            count=count,
+            spreads=self.spreads,
+            steepest=self.steepest,
+            rng=self.rng,
         )
         self.rejected.update(failed)
         _, scored = self._scored(sets)
         self.grasps = scored if self.grasps is None else self.grasps.joined(scored)
-
-    def fingers_are_too_far_apart(self) -> bool:
-        """Return whether no grasp was found, mostly as a finger had no surface beside another's."""
-        rejected = self.rejected + self.candidate_filter.rejected
-        beside = rejected["no_surface_for_a_finger"]
-        return not len(self) and beside > 0.5 * rejected.total()
 
     def refine(self, count: int) -> None:
         """Keep the best `count` grasps, or better ones near them, if there are any."""
