@@ -34,6 +34,7 @@ _ARM_ERROR = 0.002
 _OPENING = 0.02  # [m] of each pad from its contact before the hand closes
 _OFF_JAW = 0.003  # [m] off a fixed jaw's contact, where no link may touch
 _APPROACH_STEPS, _LIFT_STEPS = 8, 6  # poses that are checked
+_LIFTS = np.linspace(0.0, LIFT, _LIFT_STEPS)[:, None] * [0.0, 0.0, 1.0]  # (W, 3)
 _FACE_DEPTH = 0.001  # [m]: parts of a link this near to the plane of its pad belong to the pad
 _BORDER = 0.0005  # [m] of a flat pad at the fingertip without contacts
 _STEEP = 0.2  # least descent of the approach per metre at which the palm rises by going back
@@ -78,8 +79,8 @@ class CandidateFilter:
         self._filter = HandPoseFilter(hand, mesh)
         self._is_fixed = np.isin(hand.fingers, hand.fixed_fingers)  # (F,)
         self._opening = np.where(self._is_fixed, 0.0, 1.0 + self._is_fixed.any())[:, None]
-        floor = None if support_height is None else support_height + TIP_CLEARANCE
-        self._fingertips = FingertipContacts(hand, self._checker, floor=floor)
+        self._support = support_height
+        self._offsets = fingertip_offsets(hand)
         self.rejected: Counter[str] = Counter()
 
     def solve_and_filter(self, batch: GraspBatch) -> tuple[IndexArray, GraspBatch]:
@@ -87,7 +88,7 @@ class CandidateFilter:
 
         The postures of the batch are the initial guess of the inverse kinematics.
         """
-        batch = solve_ik(self._hand, self._fingertips.move(batch))
+        batch = solve_ik(self._hand, self._to_fingertips(batch))
         assert batch.position_error is not None
         assert batch.axis_error is not None
         near = batch.position_error <= _MAX_POSITION_ERROR
@@ -99,7 +100,7 @@ class CandidateFilter:
         kept = kept[self._free("grasp", X_OH, q, X_OH[:, None], pads_may_touch=True)]
         if self._is_fixed.any():
             kept = kept[self._with_free_jaws(batch.subset(kept))]
-        blocked = self._checker.hit_obstacle(_lifts(batch.X_OH[kept]), batch.q[kept])
+        blocked = self._checker.hit_obstacle(_paths(batch.X_OH[kept], _LIFTS), batch.q[kept])
         self.rejected["lift_hits_obstacle"] += int(blocked.sum())
         kept = kept[~blocked]
         batch = batch.subset(kept)
@@ -111,6 +112,27 @@ class CandidateFilter:
         batch = batch.subset(free)
         clearance = self._checker.clearances(batch.X_OH, batch.q)
         return kept[free], replace(batch, opened=opened[free], clearance=clearance)
+
+    def _to_fingertips(self, batch: GraspBatch) -> GraspBatch:
+        """Return the contact sets with offsets from the centres of flat pads to the fingertips.
+
+        Pads are tall, so that with contacts at their centres fingertips would be in the support
+        where an object is low. The palm goes back along its approach until the hand clears the
+        support, or until the contacts are at the fingertips.
+        """
+        longest = float(np.linalg.norm(self._offsets, axis=1).min())
+        if self._support is None or longest <= 0.0:
+            return batch
+        X_OH, used = batch.X_OH.copy(), batch.used[..., None]
+        off = np.where(used, batch.points - self._hand.pad_centers(X_OH, batch.q), 0.0)
+        X_OH[:, :3, 3] += off.sum(axis=1) / used.sum(axis=1)  # pads at their centres
+        approach = rotate(X_OH, self._hand.approach_H)
+        poses = X_OH[:, None] @ self._checker.poses_in_hand(batch.q)
+        low = self._support + TIP_CLEARANCE - self._checker.lowest(poses)
+        back = np.clip(low / np.maximum(-approach[:, 2], _STEEP), 0.0, longest)
+        X_OH[:, :3, 3] -= back[:, None] * approach
+        offsets = (back / longest)[:, None, None] * self._offsets
+        return replace(batch, X_OH=X_OH, offsets=offsets)
 
     def _within_reach(self, batch: GraspBatch, opened: FloatArray) -> BoolArray:
         """Return which grasps are within reach, (B,)."""
@@ -129,9 +151,7 @@ class CandidateFilter:
         back = np.linspace(end, STANDOFF, _APPROACH_STEPS)
         if self._reach_check is not None and not end:
             back = np.append(-_ARM_ERROR, back)
-        paths = np.repeat(X_OH[:, None], len(back), axis=1)
-        paths[:, :, :3, 3] -= back[:, None] * rotate(X_OH, self._hand.approach_H)[:, None]
-        return paths
+        return _paths(X_OH, -back[:, None] * rotate(X_OH, self._hand.approach_H)[:, None])
 
     def _with_free_jaws(self, batch: GraspBatch) -> BoolArray:
         """Return which grasps are free a little off their contacts, (B,), with a fixed jaw.
@@ -170,10 +190,10 @@ class CandidateFilter:
         return free
 
 
-def _lifts(X_OH: FloatArray) -> FloatArray:
-    """Return palm poses along the straight lift from each pose (B, 4, 4), (B, W, 4, 4)."""
-    paths = np.repeat(X_OH[:, None], _LIFT_STEPS, axis=1)
-    paths[:, :, 2, 3] += np.linspace(0.0, LIFT, _LIFT_STEPS)
+def _paths(X_OH: FloatArray, moved: FloatArray) -> FloatArray:
+    """Return poses (B, 4, 4) moved by (W, 3) or (B, W, 3) [m], shape (B, W, 4, 4)."""
+    paths = np.repeat(X_OH[:, None], moved.shape[-2], axis=1)
+    paths[..., :3, 3] += moved
     return paths
 
 
@@ -203,35 +223,3 @@ def _to_fingertip(hand: Hand, pad: Pad, R_HL: FloatArray) -> FloatArray:
     relative = np.vstack([np.zeros((1, 3)), *points])
     on_face = np.abs(relative @ pad.axis_L) < _FACE_DEPTH
     return max(float((relative[on_face] @ ahead).max()) - _BORDER, 0.0) * ahead
-
-
-class FingertipContacts:
-    """Moves contacts on flat pads from their centres towards the fingertips, off the support.
-
-    The pads of a hand are tall, so that with the contacts at their centres the fingertips would be
-    inside the support where an object is low. The palm goes back along its approach until the hand
-    clears the height `floor` [m], or until the contacts are at the fingertips.
-    """
-
-    def __init__(self, hand: Hand, checker: HandCollisionChecker, *, floor: float | None) -> None:
-        self._hand, self._checker, self._floor = hand, checker, floor
-        self._offsets = fingertip_offsets(hand)
-        self._reach = float(np.linalg.norm(self._offsets, axis=1).min())
-        self._radii = np.array([pad.radius for pad in hand.pads])
-
-    def move(self, batch: GraspBatch) -> GraspBatch:
-        """Return the contact sets with offsets, and their palms moved back."""
-        if self._floor is None or self._reach <= 0.0:
-            return batch
-        X_OH = batch.X_OH.copy()
-        targets = batch.points + self._radii[:, None] * batch.normals
-        used = batch.used[..., None]
-        off = np.where(used, targets - self._hand.pad_centers(X_OH, batch.q), 0.0)
-        X_OH[:, :3, 3] += off.sum(axis=1) / used.sum(axis=1)  # pads at their centres
-        approach = rotate(X_OH, self._hand.approach_H)
-        poses = X_OH[:, None] @ self._checker.poses_in_hand(batch.q)
-        low = self._floor - self._checker.lowest(poses)
-        back = np.clip(low / np.maximum(-approach[:, 2], _STEEP), 0.0, self._reach)
-        X_OH[:, :3, 3] -= back[:, None] * approach
-        offsets = (back / self._reach)[:, None, None] * self._offsets
-        return replace(batch, X_OH=X_OH, offsets=offsets)

@@ -266,8 +266,23 @@ def test_an_object_too_wide_for_the_hand_gives_reasons_instead_of_grasps() -> No
         mesh, rng=np.random.default_rng(0), support_height=-0.2
     )
     assert search.grasps == ()
-    # Twenty where it is flat, and twenty across bends, too.
-    assert sum(search.rejections.values()) == search.candidates == 40
+    # Twenty where it is flat, twenty across bends, too, and ten of each last resort.
+    assert sum(search.rejections.values()) == search.candidates == 60
+
+
+def test_a_shallow_dish_too_wide_for_the_gripper_is_pinched_at_its_rim() -> None:
+    radius, wall, half_angle = 0.12, 0.005, np.deg2rad(55.0)
+    angles = np.linspace(0.0, half_angle, 12)
+    arc = np.column_stack([np.sin(angles), -np.cos(angles)])
+    profile = np.vstack([radius * arc, (radius - wall) * arc[::-1]])
+    dish = trimesh.creation.revolve(profile, sections=48)
+    search = ForceClosureSampler(JAW, candidates=600).sample(
+        dish, rng=0, support_height=-radius, count=1
+    )
+    # Inside and outside of the wall, within the wall's slope of the vertical.
+    outside = np.linalg.norm(search.best.contact_points, axis=1) > radius - 0.5 * wall
+    assert sorted(outside) == [False, True]
+    assert (np.abs(search.best.contact_normals[:, 2]) > np.sin(np.deg2rad(35.0))).all()
 
 
 def test_fingers_come_closer_together_where_an_object_is_narrower_than_they_are_apart() -> None:
