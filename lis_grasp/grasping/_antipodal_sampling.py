@@ -14,10 +14,13 @@ from lis_grasp.robots.hand import Hand, thumb_of
 from lis_grasp.typing import BoolArray, FloatArray
 
 # Sines of the thumb's largest angle with the horizontal: it pushes sideways, or is under a rim.
-STEEPEST, RIM = np.sin(np.deg2rad(40.0)), np.sin(np.deg2rad(75.0))
+_STEEPEST, _RIM = np.sin(np.deg2rad(40.0)), np.sin(np.deg2rad(75.0))
 _APPROACH_ANGLES = np.deg2rad([0.0, 0.0, -20.0, 20.0, -40.0, 40.0, -65.0, 65.0])
 # Distances of the fingers beside each other, as fractions of those in the widest pregrasp.
-SPREADS, NARROW_SPREADS = (0.55, 0.75, 1.0), (0.15, 0.25, 0.4)
+_SPREADS, _NARROW_SPREADS = (0.55, 0.75, 1.0), (0.15, 0.25, 0.4)
+# Limits of sets: spreads and steepest thumb. As a last resort, fingers are closer together, or
+# walls are pinched at their rim, from above and below.
+USUAL, NARROW, AT_RIMS = (_SPREADS, _STEEPEST), (_NARROW_SPREADS, _STEEPEST), (_SPREADS, _RIM)
 # Rounded pads may touch beside their middle, so the palm may lean towards the thumb's side: a thumb
 # that lies low under the palm then points down, and clears the support beside a low object.
 _LEANS = np.deg2rad([0.0, 0.0, 10.0, 20.0])
@@ -38,8 +41,7 @@ def sample_contact_sets(
     samples: SurfaceSamples,
     *,
     count: int,
-    spreads: Sequence[float] = SPREADS,
-    steepest: float = STEEPEST,
+    limits: tuple[Sequence[float], float] = USUAL,
     rng: np.random.Generator,
 ) -> tuple[GraspBatch, dict[str, int]]:
     """Sample sets of contacts: one pad, the thumb, opposite to the other pads.
@@ -48,7 +50,7 @@ def sample_contact_sets(
     2. A line from it, along the inward normal or its horizontal part, leaves the object at the
        opposite point. Both contacts on a low object have normals that tilt upwards.
     3. The fingers' contacts are beside the opposite point, as far apart as the fingers are, times
-       one of `spreads`.
+       one of the spreads.
 
     A set is kept if the normals of thumb and fingers are opposed along the line, which makes force
     closure possible (Nguyen 1988). Force closure itself is checked later.
@@ -67,14 +69,14 @@ def sample_contact_sets(
     pads = len(hand.pads)
     rejected = {"steep": 0, "no_opposing_surface": 0, "no_surface_for_a_finger": 0}
     sets: list[tuple[FloatArray, FloatArray, BoolArray, BoolArray, FloatArray]] = []
-    level = np.flatnonzero(np.abs(samples.normals[:, 2]) <= steepest)
+    level = np.flatnonzero(np.abs(samples.normals[:, 2]) <= limits[1])
     if not len(level):
         rejected["steep"] = count
     for _ in range(count if len(level) else 0):
         i = int(rng.choice(level))
         angle = float(rng.choice(_APPROACH_ANGLES))
         chosen = _choose_fingers(opposition, rng)
-        spread = float(rng.choice(spreads))
+        spread = float(rng.choice(limits[0]))
         lean = 0.0 if hand.kind == "parallel_jaw" else float(rng.choice(_LEANS))
         p, n = samples.points[i], samples.normals[i]
         closing = -n if rng.random() < 0.5 else -_horizontal(n)

@@ -14,13 +14,7 @@ from scipy.special import ndtr
 
 from lis_grasp.exceptions import InvalidMeshError, require_at_least
 from lis_grasp.geometry import rotate
-from lis_grasp.grasping._antipodal_sampling import (
-    NARROW_SPREADS,
-    RIM,
-    SPREADS,
-    STEEPEST,
-    sample_contact_sets,
-)
+from lis_grasp.grasping._antipodal_sampling import AT_RIMS, NARROW, USUAL, sample_contact_sets
 from lis_grasp.grasping._candidate_filter import TIP_CLEARANCE, CandidateFilter
 from lis_grasp.grasping._contact_samples import SurfaceSamples
 from lis_grasp.grasping.grasp_batch import GraspBatch
@@ -32,8 +26,6 @@ from lis_grasp.typing import FloatArray, IndexArray, Seed
 
 _LOG = logging.getLogger(__name__)
 
-# Fingers closer together; and walls that are pinched at their rim, from above and below.
-_LAST_RESORTS = ((NARROW_SPREADS, STEEPEST), (SPREADS, RIM))
 CANDIDATES = 4000
 """Largest number of sampled contact sets."""
 
@@ -166,7 +158,7 @@ class ForceClosureSampler:
                 mesh, lowest=lowest, rng=rng, bends=True, pad_radius=radius
             )
             search.draw_enough(2 * self.candidates, count)
-        for search.spreads, search.steepest in _LAST_RESORTS:
+        for search.limits in (NARROW, AT_RIMS):
             if not len(search):
                 search.draw_enough(search.drawn + self.candidates // 2, count)
         search.refine(count)
@@ -186,8 +178,7 @@ class _Search:
     grasps: GraspBatch | None = None
     rejected: Counter[str] = field(default_factory=Counter)
     drawn: int = 0
-    spreads: Sequence[float] = SPREADS
-    steepest: float = STEEPEST
+    limits: tuple[Sequence[float], float] = USUAL
 
     def __len__(self) -> int:
         return 0 if self.grasps is None else len(self.grasps)
@@ -213,12 +204,7 @@ class _Search:
             self.rejected["no_flat_supported_surface"] += count
             return
         sets, failed = sample_contact_sets(
-            self.hand,
-            self.samples,
-            count=count,
-            spreads=self.spreads,
-            steepest=self.steepest,
-            rng=self.rng,
+            self.hand, self.samples, count=count, limits=self.limits, rng=self.rng
         )
         self.rejected.update(failed)
         _, scored = self._scored(sets)

@@ -74,12 +74,7 @@ def simulate_lift(setup: LiftSetup, accept_grasp: AcceptGrasp | None = None) -> 
 
 
 class LiftScene:
-    """A Drake simulation of hand, object and table, advanced one time step at a time.
-
-    The world frame W is the object's frame O in which the grasp was planned. All contacts are
-    hydroelastic: the object is its exact rigid mesh, never its hull; the hand's links and the table
-    are compliant. The hand's links do not collide with each other. A carrier moves the hand.
-    """
+    """A Drake simulation of hand, object and table; see `LiftingScene` and `simulate_lift`."""
 
     def __init__(self, setup: LiftSetup) -> None:
         hand, mesh, friction = setup.hand, setup.mesh, setup.friction

@@ -37,11 +37,7 @@ def simulate_lift(setup: LiftSetup, accept_grasp: AcceptGrasp | None = None) -> 
 
 
 class MujocoScene:
-    """A MuJoCo simulation of hand, object and table; see `LiftingScene`.
-
-    The object collides as convex pieces, given in O. Contacts are points with elliptic friction
-    cones and torsional friction. The hand's links do not collide with each other.
-    """
+    """A MuJoCo simulation of hand, object and table; see `LiftingScene` and `simulate_lift`."""
 
     def __init__(self, setup: LiftSetup, pieces: Sequence[trimesh.Trimesh]) -> None:
         hand, mesh = setup.hand, setup.mesh
