@@ -34,7 +34,6 @@ _ARM_ERROR = 0.002
 _OPENING = 0.02  # [m] of each pad from its contact before the hand closes
 _OFF_JAW = 0.003  # [m] off a fixed jaw's contact, where no link may touch
 _APPROACH_STEPS, _LIFT_STEPS = 8, 6  # poses that are checked
-_LIFTS = np.linspace(0.0, LIFT, _LIFT_STEPS)[:, None] * [0.0, 0.0, 1.0]  # (W, 3)
 _FACE_DEPTH = 0.001  # [m]: parts of a link this near to the plane of its pad belong to the pad
 _BORDER = 0.0005  # [m] of a flat pad at the fingertip without contacts
 _STEEP = 0.2  # least descent of the approach per metre at which the palm rises by going back
@@ -100,7 +99,8 @@ class CandidateFilter:
         kept = kept[self._free("grasp", X_OH, q, X_OH[:, None], pads_may_touch=True)]
         if self._is_fixed.any():
             kept = kept[self._with_free_jaws(batch.subset(kept))]
-        blocked = self._checker.hit_obstacle(_paths(batch.X_OH[kept], _LIFTS), batch.q[kept])
+        lift = np.linspace(0.0, LIFT, _LIFT_STEPS)[:, None] * [0.0, 0.0, 1.0]
+        blocked = self._checker.hit_obstacle(_paths(batch.X_OH[kept], lift), batch.q[kept])
         self.rejected["lift_hits_obstacle"] += int(blocked.sum())
         kept = kept[~blocked]
         batch = batch.subset(kept)
