@@ -12,7 +12,7 @@ import pytest
 
 from lis_grasp import Contacts, GraspSearch
 from lis_grasp.cli.main import build_parser, main
-from lis_grasp_studies.evaluation.grasp_parts import family_rates, held_rates, published_objects
+from lis_grasp_studies.evaluation.grasp_tables import family_rates, held_rates, published_objects
 from lis_grasp_studies.evaluation.results import read_parquet
 
 ROOT = Path(__file__).parents[1]

@@ -23,7 +23,7 @@ from lis_grasp.robots.shipped_models import READY_HANDS
 from lis_grasp.shapes import NAMES
 from lis_grasp.simulation.drake import dynamic_prober
 from lis_grasp.surfaces import ESTIMATORS
-from lis_grasp_studies.evaluation.grasp_parts import published_objects
+from lis_grasp_studies.evaluation.grasp_tables import published_objects
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Sequence
+from operator import itemgetter
 from typing import Any, ClassVar, Literal
 
-import numpy as np
-
 from lis_grasp.io.json_lines import Row
-from lis_grasp.io.yaml_files import read_yaml
+from lis_grasp_studies.evaluation.grasp_tables import (
+    REFERENCE,
+    SUBJECT,
+    attempts_table,
+    families_table,
+    held_rates,
+    lost_table,
+    rates_chart,
+    stages_table,
+)
 from lis_grasp_studies.evaluation.grasps import GRASPS, GraspTrial
-from lis_grasp_studies.evaluation.part import Answer, Groups, Part, Places, group_of, interleaved
-from lis_grasp_studies.figures import charts
+from lis_grasp_studies.evaluation.part import Answer, Part, Places, group_of, interleaved
 from lis_grasp_studies.figures.palette import estimator_label
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.page import Picture
-from lis_grasp_studies.harness.statistics import interval_over_objects
-from lis_grasp_studies.harness.tables import (
-    NONE,
-    Column,
-    Table,
-    grouped_table,
-    median_cell,
-    split,
-    where,
-)
+from lis_grasp_studies.harness.tables import Table, split, where
 from lis_grasp_studies.study.cells import difference, held_text
-from lis_grasp_studies.study.comparison import names, pairs_of
+from lis_grasp_studies.study.comparison import pairs_of
 from lis_grasp_studies.study.tables import calibration_table, reasons_table, summary_table
 from lis_grasp_studies.study.trial import Setup, Trial
 from lis_grasp_studies.unknown_study.parts import PARTS, parts_table
@@ -38,11 +35,7 @@ from lis_grasp_studies.unknown_study.simulators import (
     held_table,
 )
 
-REFERENCE, SUBJECT = "gpis", "blend"
-ALL = "all"
 _UNKNOWN = Setup(prober="dynamic", conditions="unknown")
-_TIMES = ("touch", "estimate", "grasp", "lift")
-_MOST_LOST = 12  # objects that are listed
 
 
 class LiftsPart(Part):
@@ -53,6 +46,7 @@ class LiftsPart(Part):
     hands: dict[str, list[int]]
     """The seeds of each hand; a round has the next seed of every hand."""
     noise: str
+    touches: int = 1
     known: bool = False
     """Whether place, size and load are known, and the object is fixed and touched by geometry."""
 
@@ -67,7 +61,9 @@ class LiftsPart(Part):
             for hand, seeds in self.hands.items():
                 for seed in seeds[number : number + 1]:
                     setup = Setup() if self.known else _UNKNOWN
-                    yield self.trial(Trial(places.of(name), hand, 1, self.noise, seed, setup))
+                    yield self.trial(
+                        Trial(places.of(name), hand, self.touches, self.noise, seed, setup)
+                    )
 
     def trial(self, trial: Trial) -> Any:
         """Return the trial of the experiment for a study's trial."""
@@ -95,18 +91,17 @@ class GraspsPart(LiftsPart):
             attempts_table(rows),
             calibration_table(once),
             reasons_table(once),
-            _times_table(once),
+            stages_table(sorted(once, key=itemgetter("hand", "touches"))),
         ]
 
     def pictures(self, rows: Sequence[Row]) -> list[Picture]:
         """Return the chart of rates by touches, and by family."""
-        once = where(rows, attempts=1)
-        family = group_of(self.objects)
+        once, family = where(rows, attempts=1), group_of(self.objects)
+        by_touches = sorted(once, key=itemgetter("touches"))
+        by_family = sorted(once, key=lambda row: list(self.objects).index(family[row["object"]]))
         return [
-            Picture.of("Held", _CAPTION, _rates_chart(once, lambda r: f"{r['touches']} touches")),
-            Picture.of(
-                "Held by family", _CAPTION, _rates_chart(once, lambda row: family[row["object"]])
-            ),
+            rates_chart(by_touches, lambda row: f"{row['touches']} touches", "Held"),
+            rates_chart(by_family, lambda row: family[row["object"]], "Held by family"),
         ]
 
     def answers(self, rows: Sequence[Row]) -> list[Answer]:
@@ -119,192 +114,20 @@ class GraspsPart(LiftsPart):
         ):
             if part:
                 texts = [
-                    f"{held_text(of)} % of {len(of)} trials ({estimator_label(name)})"
+                    f"{estimator_label(name)}: {held_text(of)} % of {len(of)} trials"
                     for name, of in split(part, "estimator").items()
                 ]
-                found.append(Answer(question, ", ".join(texts), held_rates(part)))
+                lead = difference(pairs_of(part, [SUBJECT], REFERENCE), over_objects=True)
+                texts.append(f"blend minus GPIS, for other objects: {lead} points")
+                found.append(Answer(question, "; ".join(texts), held_rates(part)))
         return found
-
-
-def published_objects() -> dict[str, list[str]]:
-    """Return the objects of the published part ``grasps`` by their groups."""
-    content = read_yaml(Path(__file__).with_name("published.yaml"))
-    groups: dict[str, list[str]] = content["parts"]["grasps"]["objects"]
-    return groups
-
-
-def held_rates(rows: Sequence[Row]) -> dict[str, float]:
-    """Return the held rate [%] of each estimator, and at each number of touches."""
-    groups: Mapping[Any, list[Row]] = split(rows, "estimator")
-    groups = {**groups, **split(rows, "estimator", "touches")}
-    return {
-        " ".join(map(str, key)) if isinstance(key, tuple) else key: _percent(of)
-        for key, of in groups.items()
-    }
-
-
-def family_rates(rows: Sequence[Row], objects: Groups) -> dict[tuple[str, str], float]:
-    """Return the held rate [%] of each group of objects and estimator."""
-    family = group_of(objects)
-    groups = split([row | {"family": family[row["object"]]} for row in rows], "family", "estimator")
-    return {key: _percent(of) for key, of in groups.items()}
-
-
-def _percent(rows: Sequence[Row]) -> float:
-    return float(100.0 * np.mean([bool(row["held"]) for row in rows]))
-
-
-def families_table(rows: Sequence[Row], objects: Groups) -> Table:
-    """Return the rates of each group of objects, where blend loses most to GPIS first."""
-
-    def lead(rows: Sequence[Row]) -> float:
-        rates = held_rates(rows)
-        return rates.get(SUBJECT, 0.0) - rates.get(REFERENCE, 0.0)
-
-    family = group_of(objects)
-    groups = split([row for row in rows if row["object"] in family], "object")
-    by_family: dict[str, list[Row]] = {}
-    for name, of in groups.items():
-        by_family.setdefault(family[name], []).extend(of)
-    ordered = {
-        name: by_family[name] for name in sorted(by_family, key=lambda n: lead(by_family[n]))
-    }
-    columns: list[Column] = [
-        ("objects", lambda rows: str(len(names(rows, "object")))),
-        *(
-            (f"{estimator_label(name)} [%]", lambda rows, name=name: held_or_none(rows, name))  # type: ignore[misc]
-            for name in names(rows, "estimator")
-        ),
-        (
-            f"{estimator_label(SUBJECT)} minus {estimator_label(REFERENCE)}, other objects",
-            lambda rows: difference(pairs_of(rows, [SUBJECT], REFERENCE), over_objects=True),
-        ),
-    ]
-    title = "Held by family, in percent, the greatest loss first"
-    return grouped_table("families", title, "family", {**ordered, ALL: list(rows)}, columns)
-
-
-def held_or_none(rows: Sequence[Row], estimator: str) -> str:
-    """Return the rate of an estimator in percent as text."""
-    of = where(rows, estimator=estimator)
-    return f"{_percent(of):.0f}" if of else NONE
-
-
-def lost_table(rows: Sequence[Row]) -> Table:
-    """Return the objects that blend holds least often."""
-    groups = {
-        name: of for name, of in split(rows, "object").items() if where(of, estimator=SUBJECT)
-    }
-    ordered = sorted(groups, key=lambda name: _percent(where(groups[name], estimator=SUBJECT)))
-    columns: list[Column] = [
-        (estimator_label(name), lambda rows, name=name: held_or_none(rows, name))  # type: ignore[misc]
-        for name in names(rows, "estimator")
-    ]
-    columns.append(("how blend ended", _reasons))
-    lost = {name: groups[name] for name in ordered[:_MOST_LOST]}
-    return grouped_table("lost", "Objects held least often, in percent", "object", lost, columns)
-
-
-def _reasons(rows: Sequence[Row]) -> str:
-    reasons = split(where(rows, estimator=SUBJECT, held=False), "reason")
-    counts = sorted(((len(of), reason) for reason, of in reasons.items()), reverse=True)
-    return ", ".join(f"{reason} {count}" for count, reason in counts) or "held"
-
-
-def attempts_table(rows: Sequence[Row]) -> Table:
-    """Return the rates of one attempt and of several, of the same explorations."""
-    more = [row for row in rows if row["attempts"] > 1]
-    key = ("object", "hand", "touches", "noise", "seed", "estimator")
-    once = {tuple(row[n] for n in key): row for row in where(rows, attempts=1)}
-    pairs = [(row, once[k]) for row in more if (k := tuple(row[n] for n in key)) in once]
-    groups = {
-        (estimator_label(name), str(most)): [
-            pair for pair in pairs if (pair[0]["estimator"], pair[0]["attempts"]) == (name, most)
-        ]
-        for name, most in split(more, "estimator", "attempts")
-    }
-    columns: list[Column] = [
-        ("trials", lambda pairs: str(len(pairs))),
-        ("one attempt", lambda pairs: held_text([other for _, other in pairs])),
-        ("several", lambda pairs: held_text([row for row, _ in pairs])),
-        ("difference in points", lambda pairs: difference(pairs, over_objects=True)),
-    ]
-    title = "Held with one attempt and with several, in percent"
-    return grouped_table("attempts", title, "estimator | at most", groups, columns)
-
-
-def _times_table(rows: Sequence[Row]) -> Table:
-    columns: list[Column] = [
-        ("held", lambda rows: f"{len(where(rows, held=True))} of {len(rows)}"),
-        *((f"{name} [s]", median_cell(f"seconds_{name}", digits=2)) for name in _TIMES),
-    ]
-    groups = split([r for r in rows if r["estimator"] == SUBJECT], "hand", "touches")
-    title = f"Held, and median times of the stages, {estimator_label(SUBJECT)}"
-    return grouped_table("stages", title, "hand | touches", groups, columns)
-
-
-_CAPTION = (
-    "Percent of grasps that lift the object and hold it through the shake, one attempt. Dots are"
-    " seeds, lines one standard deviation between seeds."
-)
-
-
-def _rates_chart(rows: Sequence[Row], group: Any) -> Any:
-    values: dict[str, dict[str, list[float]]] = {}
-    for name, of in split(rows, "estimator").items():
-        for row in of:
-            values.setdefault(name, {}).setdefault(group(row), [])
-        for text, members in values[name].items():
-            chosen = [row for row in of if group(row) == text]
-            members += [_percent(seed) for seed in split(chosen, "seed").values()]
-    return charts.bars(values, title="", ylabel="held [%]")
-
-
-def beside_table(rows: Sequence[Row], earlier: Sequence[Row], objects: Groups) -> Table:
-    """Return the rates of trials that an earlier version made too, where this is worse first."""
-    key = ("object", "hand", "touches", "noise", "seed", "estimator")
-    known = {tuple(row[name] for name in key): row for row in earlier}
-    family = group_of(objects)
-    groups: dict[tuple[str, str], list[tuple[Row, Row]]] = {}
-    for row in where(rows, attempts=1):
-        other = known.get(tuple(row[name] for name in key))
-        if other is not None:
-            for group in (family.get(row["object"], NONE), ALL):
-                label = estimator_label(row["estimator"])
-                groups.setdefault((label, group), []).append((row, other))
-
-    def change(pairs: Sequence[tuple[Row, Row]]) -> float:
-        return float(np.mean([bool(row["held"]) - bool(other["held"]) for row, other in pairs]))
-
-    def verdict(pairs: Sequence[tuple[Row, Row]]) -> str:
-        gains = [float(row["held"]) - float(other["held"]) for row, other in pairs]
-        _, high = interval_over_objects([row for row, _ in pairs], gains)
-        if change(pairs) >= 0.0:
-            return ""
-        return "clearly worse" if high is not None and high < 0.0 else "worse"
-
-    columns: list[Column] = [
-        ("trials", lambda pairs: str(len(pairs))),
-        ("before [%]", lambda pairs: f"{_percent([other for _, other in pairs]):.0f}"),
-        ("now [%]", lambda pairs: f"{_percent([row for row, _ in pairs]):.0f}"),
-        ("difference, other objects", lambda pairs: difference(pairs, over_objects=True)),
-        ("this version is", verdict),
-    ]
-    ordered = {place: groups[place] for place in sorted(groups, key=lambda p: change(groups[p]))}
-    title = "Beside the earlier version, trial by trial: the greatest loss first"
-    return grouped_table("beside", title, "estimator | family", ordered, columns)
 
 
 class SimulatorsPart(LiftsPart):
     """The best grasp of each estimator, lifted in Drake and in MuJoCo."""
 
     measure: Literal["simulators"]
-    touches: int
     experiment: ClassVar[Experiment] = BOTH
-
-    def trial(self, trial: Trial) -> Trial:
-        """Return the trial after the part's number of touches."""
-        return Trial(trial.object, trial.hand, self.touches, trial.noise, trial.seed, trial.setup)
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return each disagreement, the rates and their differences."""
@@ -329,12 +152,7 @@ class AblationPart(LiftsPart):
     """The pipeline without one of its parts."""
 
     measure: Literal["ablation"]
-    touches: int
     experiment: ClassVar[Experiment] = PARTS
-
-    def trial(self, trial: Trial) -> Trial:
-        """Return the trial after the part's number of touches."""
-        return Trial(trial.object, trial.hand, self.touches, trial.noise, trial.seed, trial.setup)
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return what each part is worth on each group of objects."""

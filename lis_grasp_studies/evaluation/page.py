@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -10,7 +11,8 @@ from pathlib import Path
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
 from lis_grasp_studies.evaluation.configuration import Configuration
-from lis_grasp_studies.evaluation.grasp_parts import GraspsPart, beside_table
+from lis_grasp_studies.evaluation.grasp_parts import GraspsPart
+from lis_grasp_studies.evaluation.grasp_tables import beside_table
 from lis_grasp_studies.evaluation.part import Answer
 from lis_grasp_studies.harness.page import write_page
 from lis_grasp_studies.harness.tables import Table, write_tables
@@ -65,7 +67,8 @@ def write_results(
         tuple((answer.question, answer.answer, part) for part, answer in answers),
     )
     markdown = [f"# {title}\n\n{head}\n", table.markdown(), _METHOD + "\n"]
-    html = [f"<h1>{title}</h1><p>{escape(head)}</p>", table.section(), f"<p>{escape(_METHOD)}</p>"]
+    marked = re.sub("`([^`]*)`", r"<code>\1</code>", escape(head))
+    html = [f"<h1>{title}</h1><p>{marked}</p>", table.section(), f"<p>{escape(_METHOD)}</p>"]
     for name, of in parts.items():
         if not of:
             continue

@@ -19,7 +19,7 @@ from lis_grasp.io.json_lines import Row
 from lis_grasp_studies.cli import evaluate
 from lis_grasp_studies.evaluation import configuration, results
 from lis_grasp_studies.evaluation.configuration import KINDS, SHIPPED, Configuration
-from lis_grasp_studies.evaluation.grasp_parts import (
+from lis_grasp_studies.evaluation.grasp_tables import (
     attempts_table,
     beside_table,
     families_table,

@@ -1,0 +1,180 @@
+"""Parts that run whole programs: commands, answers of the service, fits by number of contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from lis_grasp.io.json_lines import Row
+from lis_grasp_studies.evaluation.commands import (
+    BESIDE,
+    COMMANDS,
+    FITS,
+    SERVICE,
+    THIS,
+    CommandTrial,
+    FitTrial,
+    ServiceTrial,
+)
+from lis_grasp_studies.evaluation.grasp_tables import ALL
+from lis_grasp_studies.evaluation.part import Places, SeedsPart
+from lis_grasp_studies.harness.experiment import Experiment
+from lis_grasp_studies.harness.statistics import rate_with_interval
+from lis_grasp_studies.harness.tables import (
+    NONE,
+    Column,
+    Table,
+    grouped_table,
+    mean_cell,
+    median_cell,
+    split,
+    values_of,
+    where,
+)
+
+
+class CommandsPart(SeedsPart):
+    """Commands in processes of their own: what runs achieve, and what commands cost."""
+
+    measure: Literal["commands"]
+    commands: dict[str, str]
+    """Command lines by their names; see `CommandTrial`."""
+    objects: list[str]
+    experiment: ClassVar[Experiment] = COMMANDS
+
+    def trials(self, seed: int, places: Places) -> Iterator[Any]:
+        """Yield the trials of a seed."""
+        beside = str(places.beside or "")
+        for name in self.objects:
+            for command in self.commands.values():
+                yield CommandTrial(command, places.of(name), seed, beside)
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """Return the outcomes of runs, and the costs of all commands."""
+        label = {command: name for name, command in self.commands.items()}
+        groups = {
+            (label[command], name): of
+            for (command, name), of in split(rows, "command", "object").items()
+        }
+        costs: list[Column] = [
+            ("runs", lambda rows: str(len(where(rows, package=THIS)))),
+            *(
+                (f"{text}, {what}", _median_of(package, column, digits))
+                for column, what, digits in (
+                    ("wall", "s", 2),
+                    ("processor", "CPU s", 2),
+                    ("memory", "MB", 0),
+                )
+                for package, text in ((THIS, "this version"), (BESIDE, "the other"))
+                if package == THIS or where(rows, package=BESIDE)
+            ),
+        ]
+        tables = [grouped_table("costs", "Costs, medians", "command | object", groups, costs)]
+        lifts = {key: [r for r in of if r.get("held") is not None] for key, of in groups.items()}
+        for name, of in split([row for part in lifts.values() for row in part], "command").items():
+            lifts[label[name], ALL] = of
+        outcomes: list[Column] = [
+            ("held (95 %)", _held),
+            ("without violation", _held_within_limits),
+            ("attempts", mean_cell("attempts", digits=2)),
+            ("effort", median_cell("effort", digits=2)),
+            ("speed", median_cell("speed", digits=2)),
+            ("rmsd [mm]", median_cell("rmsd", 1e3, 2)),
+            ("motion [s]", median_cell("motion", digits=0)),
+            ("other reasons", _reasons),
+        ]
+        if any(lifts.values()):
+            title = "Runs, lost ones by their reasons"
+            tables.insert(0, grouped_table("runs", title, "command | object", lifts, outcomes))
+        return tables
+
+
+def _count(rows: Sequence[Row]) -> str:
+    return str(len(rows))
+
+
+def _median_of(package: str, column: str, digits: int) -> Any:
+    cell = median_cell(column, digits=digits)
+    return lambda rows: cell(where(rows, package=package))
+
+
+def _held(rows: Sequence[Row]) -> str:
+    return rate_with_interval(sum(bool(row["held"]) for row in rows), len(rows))
+
+
+def _held_within_limits(rows: Sequence[Row]) -> str:
+    good = [row for row in rows if row["held"] and not row.get("violations")]
+    return rate_with_interval(len(good), len(rows))
+
+
+def _reasons(rows: Sequence[Row]) -> str:
+    return ", ".join(str(row["reason"]) for row in rows if not row["held"])
+
+
+class ServicePart(SeedsPart):
+    """Time of an answer of the service that chooses touches."""
+
+    measure: Literal["service"]
+    objects: list[str]
+    hands: list[str]
+    touches: int
+    experiment: ClassVar[Experiment] = SERVICE
+
+    def trials(self, seed: int, places: Places) -> Iterator[Any]:
+        """Yield the trials of a seed."""
+        for name in self.objects:
+            for hand in self.hands:
+                yield ServiceTrial(name, seed, hand, self.touches)
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """Return the times of answers."""
+        columns: list[Column] = [
+            ("answers", _count),
+            ("median [ms]", median_cell("wall", 1e3, 0)),
+            ("processor, mean [ms]", mean_cell("processor", 1e3, 0)),
+        ]
+        title = f"Answers with about {self.touches} contacts"
+        groups = split(rows, "hand", "estimator")
+        return [grouped_table("answers", title, "hand | estimator", groups, columns)]
+
+
+class FitsPart(SeedsPart):
+    """Cost of estimators by the number of contacts."""
+
+    measure: Literal["fits"]
+    contacts: list[int]
+    experiment: ClassVar[Experiment] = FITS
+
+    def trials(self, seed: int, places: Places) -> Iterator[Any]:
+        """Yield the trials of a seed."""
+        for count in self.contacts:
+            yield FitTrial(count, seed)
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """Return the costs, and the exponent of time against the number of contacts."""
+        columns: list[Column] = [
+            ("fit [ms]", median_cell("fit", 1e3)),
+            ("field [us/point]", median_cell("field", 1e6, 2)),
+            ("mesh [s]", median_cell("mesh", digits=2)),
+            ("memory [MB]", median_cell("memory", 2**-20)),
+        ]
+        groups: dict[Any, list[Row]] = split(rows, "estimator", "contacts")
+        grown: list[Column] = [(f"{c} ~ N^k, k", _exponent(c)) for c in ("fit", "field", "memory")]
+        first = "estimator | contacts"
+        return [
+            grouped_table("fits", "Fit, field at a point, mesh, memory", first, groups, columns),
+            grouped_table("growth", "Growth", "estimator", split(rows, "estimator"), grown),
+        ]
+
+
+def _exponent(column: str) -> Any:
+    def cell(rows: Sequence[Row]) -> str:
+        known = [row for row in rows if row.get(column)]
+        if len({row["contacts"] for row in known}) < 3:
+            return NONE
+        contacts, values = (np.log(values_of(known, name)) for name in ("contacts", column))
+        return f"{np.polyfit(contacts, values, 1)[0]:.2f}"
+
+    return cell
