@@ -121,7 +121,7 @@ def _measure(
         folder = getattr(options, name)
         if folder is not None and not (folder / needed).is_dir():
             what = "a folder" if needed == "." else f"a folder that has {needed}/"
-            raise InvalidOptionError.out_of_range(f"--{name}", folder, what)
+            raise InvalidOptionError.out_of_range(f"--{name}", str(folder), what)
     places = Places(*(p and p.absolute() for p in (options.meshes, options.beside)))
     evaluation = Evaluation(configuration, places, results, scheduler_of(options), hours)
     with Stage("Measuring") as stage:
