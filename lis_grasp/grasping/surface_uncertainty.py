@@ -172,7 +172,7 @@ class PadContacts:
         balls, ways = centers.reshape(-1, 3), inward.reshape(-1, 3)
         moved, passes = np.zeros((len(balls), 1)), np.zeros((len(balls), 1), dtype=bool)
         for _ in range(_NEWTON_STEPS):
-            nearest, faces = self.tree.closest_points(balls + moved * ways)
+            _, faces, nearest = self.tree.nearest(balls + moved * ways)
             away = balls + moved * ways - nearest
             distance = np.linalg.norm(away, axis=1, keepdims=True)
             apart = distance > _TOUCHING

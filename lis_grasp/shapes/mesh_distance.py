@@ -35,7 +35,8 @@ def distances_to_mesh(points: FloatArray, mesh: trimesh.Trimesh) -> tuple[FloatA
 
 def closest_points(points: FloatArray, mesh: trimesh.Trimesh) -> tuple[FloatArray, IndexArray]:
     """Return the nearest point (P, 3) [m] of a mesh to each point, and the triangle it is on."""
-    return MeshTree(mesh).closest_points(points)
+    _, faces, nearest = MeshTree(mesh).nearest(points)
+    return nearest, faces
 
 
 class MeshTree:
@@ -50,8 +51,3 @@ class MeshTree:
         """Return squared distances (P,) of points (P, 3), triangles (P,), nearest points (P, 3)."""
         points = np.ascontiguousarray(points, dtype=np.float64)
         return self._tree.squared_distance(*self._arrays, points)  # type: ignore[no-any-return]
-
-    def closest_points(self, points: FloatArray) -> tuple[FloatArray, IndexArray]:
-        """Return what `closest_points` returns."""
-        _, faces, nearest = self.nearest(points)
-        return nearest, faces
