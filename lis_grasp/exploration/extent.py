@@ -29,6 +29,8 @@ _LONG = 1.5
 _PASS, _OBLIQUE, _MARGIN = 0.02, 0.15, 0.03
 # Beyond a closed end, space is free at this distance from the extreme contact [m].
 _CLEAR = 3e-3
+# Displacement of the centre of mass by an unseen end, in lengths of what is known.
+_CONTINUES = 0.25
 # The first motion down is so far inside of the first contact [m].
 _INSIDE = 0.012
 
@@ -165,8 +167,24 @@ def free_beyond(
     return np.reshape(centers, (-1, 3)), np.full(len(closed), HALF_SPACE)
 
 
+def unseen_ends(space: Workspace, contacts: Contacts) -> tuple[tuple[float, ...], ...]:
+    """Return by how much an unseen end may displace the centre of mass [m], for each open end.
+
+    What continues may be half as long as what is known: one standard deviation. An end beyond which
+    is free space is not open.
+    """
+    found = []
+    for end in ends_of(space, contacts, ()) if len(contacts) else ():
+        beyond = end.extreme + _PASS * end.out
+        passed = np.linalg.norm(contacts.free_points - beyond, axis=1) < contacts.free_radii
+        if end.is_open and not passed.any():
+            length = float(np.ptp(contacts.points @ end.out))
+            found.append(tuple(float(x) for x in _CONTINUES * length * end.out))
+    return tuple(found)
+
+
 def extent_probe(
-    space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOutcome]
+    space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOutcome], before: int = 0
 ) -> Probe | None:
     """Return the next probe that shows how far an object on a table extends, or None.
 
@@ -174,9 +192,10 @@ def extent_probe(
     outside find the four ends, opposite to the first contact first. At last sweeps pass the ends
     of a long object: what they meet, such as a jaw, is a new extreme, and its end open.
 
-    Contacts are those of the outcomes since the first contact.
+    Contacts are those of the outcomes since the first contact; some `before` do not count among the
+    probes after which the extent is given up.
     """
-    if not len(contacts) or len(outcomes) >= _MOST:
+    if not len(contacts) or len(outcomes) >= before + _MOST:
         return None
     normal = contacts.normals[0]
     is_level = [o.probe.direction[2] > -_FACES_OUT for o in outcomes]

@@ -23,7 +23,8 @@ _CLOSING_MOTION = np.array([0.01, 0.01, 0.2])
 CONTACT_ERROR = 0.002
 """Standard deviation of a contact's distance from the estimated surface [m]."""
 _ITERATIONS = 10
-_YAWS = 24  # about the 0.2 rad of a start apart
+# Angles, about the 0.2 rad of a start apart, and least contacts that show where an object is.
+_YAWS, _ENOUGH = 24, 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,9 +104,9 @@ def find_displacement(contacts: Contacts, mesh: trimesh.Trimesh) -> FloatArray |
     """Return the planar displacement (3,) of an object that is somewhere else; None if not found.
 
     The best of `register_motion` from many angles, with the middles of the contacts and of the
-    estimate at one place. The contacts must be on the estimate then, as well as contacts are known.
+    estimate at one place. The contacts, at least eight, must be on the estimate then, to 2 mm.
     """
-    best, least = None, CONTACT_ERROR
+    best, least = None, CONTACT_ERROR if len(contacts) >= _ENOUGH else 0.0
     middle, center = contacts.bounds.mean(axis=0), mesh.bounds.mean(axis=0)
     for yaw in np.linspace(-np.pi, np.pi, _YAWS, endpoint=False):
         turned = apply_pose(planar_pose(np.array([0.0, 0.0, yaw])), center)

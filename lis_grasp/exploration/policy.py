@@ -269,10 +269,13 @@ class RegionPolicy:
         What is known before the first touch.
     make
         Makes the policy of a workspace.
+    before
+        Outcomes of an earlier exploration, after which the extent is sought again.
     """
 
     region: Region
     make: Callable[[Workspace], Policy]
+    before: int = 0
 
     def next_probe(
         self,
@@ -291,7 +294,7 @@ class RegionPolicy:
             space = self.region.grown(contacts)
         since = since_first_contact(outcomes)
         if len(contacts) <= sum(len(outcome.contacts) for outcome in since):  # none of a camera
-            opening = extent_probe(space.fitted_to(contacts), contacts, since)
+            opening = extent_probe(space.fitted_to(contacts), contacts, since, self.before)
             if opening is not None:
                 return opening
         return self.make(space).next_probe(contacts, surface, outcomes=outcomes, rng=rng)

@@ -239,21 +239,25 @@ class GraspScorer:
         self, batch: GraspBatch, models: _FrictionModels, tolerance: float
     ) -> tuple[FloatArray, FloatArray]:
         """Return ``acceleration`` at the median mass, and the probability to carry the object."""
-        wrenches = largest_wrenches(
-            self._hand,
-            models.carrying,
-            batch.X_OH,
-            batch.q,
-            batch.used,
-            *batch.contacts(),
-        )
         masses, weights = np.array(list(self._prior.masses())).T
-        accelerations = spare_accelerations(
-            wrenches, masses, scale=self._hand.max_contact_force, tolerance=tolerance
-        )
-        return accelerations[0], weights @ load_probability(
-            accelerations, masses[:, None], models.plain
-        )
+        points, normals = batch.contacts()
+        found = []
+        for center, weight in self._prior.centers():
+            wrenches = largest_wrenches(
+                self._hand,
+                models.carrying,
+                batch.X_OH,
+                batch.q,
+                batch.used,
+                points - center,
+                normals,
+            )
+            accelerations = spare_accelerations(
+                wrenches, masses, scale=self._hand.max_contact_force, tolerance=tolerance
+            )
+            carried = weights @ load_probability(accelerations, masses[:, None], models.plain)
+            found.append((accelerations[0], weight * carried))
+        return found[0][0], np.sum([carried for _, carried in found], axis=0)
 
     def _displaced(self, batch: GraspBatch, samples: int, model: WrenchModel) -> FloatArray:
         """Return the robust loads per grip of displaced hands, shape (B, samples)."""

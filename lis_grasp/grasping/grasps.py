@@ -205,6 +205,9 @@ class LoadPrior:
     #: standard deviations of the natural logarithms; 0 if the value is known
     friction_spread: float = 0.0
     mass_spread: float = 0.0
+    #: displacements of the centre of mass from a mesh's [m], in O, one standard deviation each, if
+    #: the object may continue beyond it there
+    toward: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
         require_positive(friction=self.friction, mass=self.mass)
@@ -224,6 +227,14 @@ class LoadPrior:
     def masses(self) -> Iterator[tuple[float, float]]:
         """Return masses [kg] and their weights, which add up to 1; the median comes first."""
         return _nodes(self.mass, self.mass_spread)
+
+    def centers(self) -> Iterator[tuple[FloatArray, float]]:
+        """Return displacements (3,) of the centre of mass [m] and their weights, zero first."""
+        if not self.toward:
+            yield np.zeros(3), 1.0
+        for end in self.toward:
+            for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+                yield abs(node) * np.array(end), float(weight) / len(self.toward)
 
 
 def _nodes(median: float, spread: float) -> Iterator[tuple[float, float]]:

@@ -6,6 +6,7 @@ import logging
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -88,7 +89,7 @@ class ForceClosureSampler:
         candidates: int = CANDIDATES,
         station: Reach | None = None,
         obstacles: trimesh.Trimesh | None = None,
-        **load: float,
+        **load: Any,
     ) -> None:
         require_at_least(1, candidates=candidates)
         self.obstacles = obstacles

@@ -33,15 +33,6 @@ def without_unit(name: str) -> tuple[str, str]:
     return (found[1], found[2] or found[3]) if found else (text, "")
 
 
-def read_csv_columns(path: Path) -> dict[str, FloatArray]:
-    """Return the columns of a CSV table by name, in lower case: numbers, NaN where blank.
-
-    Raises `InvalidFileError` if the file is missing, empty, no CSV, or a cell is no number.
-    """
-    names, rows = read_table(path)
-    return {name: numbers(path, rows, k, name) for k, name in enumerate(names)}
-
-
 def numbers(path: Path, rows: list[list[str]], column: int, name: str) -> FloatArray:
     """Return a column of a table as numbers, NaN where it is blank."""
     return np.array([cell_number(path, row[column], n + 1, name) for n, row in enumerate(rows)])

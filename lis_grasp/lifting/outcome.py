@@ -33,9 +33,9 @@ Reason = Literal[
     "arm_collision",  # A link of the arm touched the object, the table or the hand.
 ]
 
-LOST_GRASPS: frozenset[Reason] = frozenset(
-    ("aborted", "collision_on_approach", "no_contact", "set_down", "ejected", "not_lifted")
-    + ("dropped", "slipped", "turned")
+LOST_GRASPS = frozenset(
+    {"aborted", "collision_on_approach", "no_contact", "set_down", "ejected", "not_lifted"}
+    | {"dropped", "slipped", "turned"}
 )
 """Reasons after which a hand with a tactile check lets go and retreats, to try again."""
 

@@ -261,8 +261,7 @@ class LiftTrial:
                     given_up |= self._weigh(felt) and self._accept_grasp is not None
                 elif watch.has_slipped():
                     self._control.grip_harder(_GRIP_FACTOR)
-            # Another attempt starts best from where this one began: an object that is lost already
-            # is not lifted higher.
+            # Before another attempt, an object that is lost already is not lifted higher.
             lost = self._accept_grasp is not None and self._has_moved()
             return self._hold_grip(time) or given_up or lost
 
@@ -341,16 +340,12 @@ class LiftTrial:
 
     def _felt(self, measured: Contacts) -> Contacts:
         """Return contacts with the balls inside the hand's links, where no object is."""
-        if self._accept_grasp is None:
-            return measured
-        centers, radii = [], []
-        for geometry in self._setup.hand.link_geometries:
-            points, within = balls_inside(geometry)
-            centers.append(apply_pose(self._scene.X_WL(geometry.link) @ geometry.X_LG, points))
-            radii.append(within)
-        return replace(
-            measured, free_points=np.concatenate(centers), free_radii=np.concatenate(radii)
-        )
+        for link in self._setup.hand.link_geometries:
+            centers, radii = balls_inside(link)
+            centers = apply_pose(self._scene.X_WL(link.link) @ link.X_LG, centers)
+            free = replace(Contacts.empty(), free_points=centers, free_radii=radii)
+            measured = measured.append(free)
+        return measured
 
     def _let_go(self) -> None:
         """Lower what is still in the hand, open it, retreat, and wait until the object rests."""
@@ -458,7 +453,7 @@ class LiftTrial:
 
     def _carried(self) -> bool:
         """Return whether the object has risen by half as much as the hand, which touches it."""
-        rise = min(self._displacement()[2] - self._here[2], self._options.lift_height)
+        rise = min(float(self._displacement()[2] - self._here[2]), self._options.lift_height)
         return self._clearance() >= 0.5 * rise and self._touching_links() >= 2
 
     def _has_moved(self) -> bool:

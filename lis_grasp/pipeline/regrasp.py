@@ -7,9 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
+from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration import PoseTracker, Probe, ProbeOutcome, Workspace, explore_steps
+from lis_grasp.exploration import (
+    PoseTracker,
+    ProbeOutcome,
+    Region,
+    RegionPolicy,
+    Workspace,
+    explore_steps,
+)
+from lis_grasp.exploration.extent import unseen_ends
 from lis_grasp.exploration.planar_motion import (
     CONTACT_ERROR,
     PoseBelief,
@@ -44,12 +53,8 @@ _MORE_GRASPS = 20
 _MORE_TOUCHES = 4
 # Probes without a result for each of these touches, before they are given up.
 _PROBES_PER_TOUCH = 4
-# Contacts that show where an object of a known estimate is.
-_ENOUGH = 8
 # Known contacts that may be touched again to find the object.
 _TOUCHED_AGAIN = 48
-
-_UP = np.array([0.0, 0.0, 1.0])
 
 # Outcomes, before the hand closed, after which the next grasp of the same plan is executed.
 _NEXT_GRASP = ("no_arm_motion", "out_of_arm_reach", "torque_limit", "arm_collision")
@@ -115,19 +120,16 @@ def grasp_with_tactile_check(
     After the fingers close and before they squeeze, the measured contacts must be in force closure
     at half the friction; points at opposite ends of parallel faces count as opposite each other
     under flat pads. If they are not, or if the hand hits the object during the approach, the
-    attempt is aborted. An object that slips at the start of the lift is set down. After these, and
-    every other failed grasp (`LOST_GRASPS`), the hand lowers what is in it, opens and retreats, and
-    the object comes to rest somewhere.
+    attempt is aborted. After this and every other failed grasp (`LOST_GRASPS`), the hand lets go
+    and retreats, and the object comes to rest somewhere.
 
-    There it is found again by touch, and touched some more times (`touch_more`). What the hand felt
-    is added to the contacts: where its fingers touched, and the space inside its links, which is
-    free. A weighed mass replaces the prior. On the new estimate, the next grasp is the likeliest to
-    succeed if grasps like the failed ones fail too. Without a grasp on the estimate, the object is
-    touched some more times.
+    There it is found again by touch, and touched some more times (`touch_more`), as it is at the
+    beginning if an end of it is unseen, and if no grasp is found. Contacts and space that the hand
+    felt are added. A weighed mass replaces the prior. The next grasp is the likeliest to succeed if
+    grasps like the failed ones fail too. The last of `Known.attempts` has no tactile check.
 
-    The last of `Known.attempts` is executed without the check. Where the arm has no way to a grasp,
-    or has to stop on it, the next grasp of the plan is executed instead, as part of the same
-    attempt.
+    Where the arm has no way to a grasp, or has to stop on it, the next grasp of the plan is
+    executed instead, as part of the same attempt.
 
     The scenario is the one after the exploration (`Scenario.after`), with its contacts. The frame
     of contacts and grasps moves with the object, as believed. `stages` are repeated; None for
@@ -135,7 +137,10 @@ def grasp_with_tactile_check(
     """
     stages, known = stages or Stages(), scenario.known
     failed: list[FloatArray] = []
+    if _with_ends(scenario, contacts).known.load.toward:
+        scenario, contacts, _ = stages.touch_more(scenario, contacts, None)
     for left in reversed(range(known.attempts)):
+        scenario = _with_ends(scenario, contacts)
         mesh = stages.estimate(scenario, contacts)
         search = stages.plan(scenario, mesh)
         check = _tactile_check(mesh, known.hand, known.load.friction) if left else None
@@ -149,14 +154,13 @@ def grasp_with_tactile_check(
                 scenario = scenario.moved(np.eye(4), outcome.X_WO)
             yield attempt
         last = attempt.outcome
-        if last is not None and last.reason in _NEXT_GRASP and not last.closed:
-            return
         if not left or not (last is None or last.reason in LOST_GRASPS):
-            yield attempt
+            if last is None or last.reason not in _NEXT_GRASP or last.closed:
+                yield attempt
             return
         sought = None
         if last is not None:
-            failed.append(_failed_contacts(attempt))
+            failed += [search.grasps[attempt.rank].contact_points] * last.closed
             scenario, contacts, sought = _learned(attempt, last)
         felt = len(contacts) - len(attempt.contacts)
         scenario, contacts, lesson = stages.touch_more(scenario, contacts, sought)
@@ -166,16 +170,20 @@ def grasp_with_tactile_check(
             return
 
 
-def _learned(attempt: Attempt, outcome: LiftOutcome) -> tuple[Scenario, Contacts, trimesh.Trimesh]:
-    """Return the scenario, all contacts and the estimate after an attempt.
+def _with_ends(scenario: Scenario, contacts: Contacts) -> Scenario:
+    """Return the scenario with the ends of the object in a region that no contact shows."""
+    known = scenario.known
+    if not isinstance(known.space, Region):
+        return scenario
+    toward = unseen_ends(known.space.fitted_to(contacts), contacts)
+    return replace(scenario, known=replace(known, load=replace(known.load, toward=toward)))
 
-    They are in the frame of the object when the fingers closed.
-    """
+
+def _learned(attempt: Attempt, outcome: LiftOutcome) -> tuple[Scenario, Contacts, trimesh.Trimesh]:
+    """Return scenario, contacts and estimate after an attempt, where the fingers closed."""
     felt, mesh = outcome.measured_contacts, attempt.mesh
     X_EF = planar_pose(register_motion(felt, mesh))
-    radii = felt.free_radii - CONTACT_ERROR
-    inside = radii > 0.0
-    felt = replace(felt, free_points=felt.free_points[inside], free_radii=radii[inside])
+    felt = replace(felt, free_radii=np.maximum(felt.free_radii - CONTACT_ERROR, 0.0))
     scenario = attempt.scenario.moved(X_EF, outcome.X_WO)
     load = scenario.known.load_prior(mesh)
     known = replace(scenario.known, grasps=max(scenario.known.grasps, _MORE_GRASPS))
@@ -202,50 +210,41 @@ def touch_more(
     Returns the scenario and all contacts in the frame of the object where it was found, and counts.
     Without contacts, it was not found.
     """
-    known, truth = scenario.known, scenario.truth
+    known = scenario.known
     if isinstance(known.space, Workspace):
         known = replace(known, space=replace(known.space, support_height=known.support))
-    tracker = PoseTracker(known.sensor.position_noise)
     again = np.unique(np.linspace(0, len(contacts) - 1, _TOUCHED_AGAIN).round()).astype(int)
     rest = contacts.subset(np.delete(np.arange(len(contacts)), again))
-    setup = replace(exploration_setup(known), touches=None, prior=rest, tracker=tracker)
+    setup = replace(exploration_setup(known), touches=None, prior=rest)
+    setup = replace(setup, tracker=PoseTracker(known.sensor.position_noise))
     surface, space = setup.estimate(contacts), known.space.grown(contacts).fitted_to(contacts)
     recorded = []
     for one in map(contacts.subset, again[:, None]):
         probe = surface_probe(one.points[0], one.normals[0], space, contacts, surface, ())
         recorded.append(ProbeOutcome(probe, "touched", one))
-    above = Probe(space.center + space.size * _UP, _UP, 0.0, 0.0)
-    last = ProbeOutcome(
-        above,
-        "blocked",
-        free_points=contacts.free_points,
-        free_radii=contacts.free_radii,
-        simulated_pose=truth.X_EO,
-        tracked=PoseBelief.start() if mesh is None else doubted(),
-    )
-    recorded.append(last)
+    above = replace(recorded[0].probe, target=space.center + [0.0, 0.0, space.size])
+    X_EO, belief = scenario.truth.X_EO, PoseBelief.start() if mesh is None else doubted()
+    recorded.append(ProbeOutcome(above, "blocked", simulated_pose=X_EO, tracked=belief))
     is_free = replace(scenario, config=replace(scenario.config, prober="dynamic", free=True))
     prober = make_prober(is_free, recorded)
+    if isinstance(setup.policy, RegionPolicy):
+        setup = replace(setup, policy=replace(setup.policy, before=len(recorded)))
     wanted, lost = len(again) + _MORE_TOUCHES, False
     for state in explore_steps(prober, setup, rng=exploration_rng(known), recorded=recorded):
         last, probes = state.outcomes[-1], len(state.outcomes) - len(recorded)
         if last.lost:
             wanted, lost = known.touches, True
-        assert last.tracked is not None
-        is_sought = last.tracked.trust == "doubted"
+        is_sought = last.tracked is not None and last.tracked.trust == "doubted"
         made = len(state.contacts) >= wanted and not is_sought
         if made or probes >= _PROBES_PER_TOUCH * (known.touches if lost else 2 * _MORE_TOUCHES):
             break
-    assert last.tracked is not None
-    assert last.simulated_pose is not None
-    X_EF, found = last.tracked.X_WE, state.known
-    scenario = scenario.moved(X_EF, X_EF @ last.simulated_pose)
-    if mesh is not None and lost and len(found) >= _ENOUGH:
-        displacement = find_displacement(found, mesh)
-        if displacement is not None:
-            X_EF, lost = planar_pose(displacement), False
-            scenario = scenario.moved(X_EF, scenario.truth.X_EO)
-            found = contacts.append(found.in_frame(X_EF))
+    X_EF = np.eye(4) if last.tracked is None else last.tracked.X_WE
+    scenario, found = scenario.after(state.result), state.known
+    displacement = find_displacement(found, mesh) if lost and mesh is not None else None
+    if displacement is not None:
+        X_EF, lost = planar_pose(displacement), False
+        scenario = scenario.moved(X_EF, scenario.truth.X_EO)
+        found = contacts.append(found.in_frame(X_EF))
     touched = len(found) - (0 if lost else len(contacts))
     moved = float(np.linalg.norm(X_EF[:3, 3]))
     return scenario, found, Lesson(0, touched, probes, moved, lost)
@@ -275,32 +274,18 @@ def _pushed_along_one_line(points: FloatArray, normals: FloatArray) -> FloatArra
     return np.asarray(points.mean(axis=0) + np.stack([-half_width, half_width]))
 
 
-def _failed_contacts(attempt: Attempt) -> FloatArray:
-    """Return the planned contacts (K, 3) [m] that failed together; none if the hand never closed.
-
-    Before the squeeze, they are those of the fingers that closed on nothing.
-    """
-    grasp, outcome = attempt.search.grasps[attempt.rank], attempt.outcome
-    if outcome is None or not outcome.closed:
-        return np.empty((0, 3))
-    if outcome.reason not in ("aborted", "no_contact"):
-        return grasp.contact_points
-    return grasp.contact_points[
-        [f not in outcome.measured_contacts.fingers for f in grasp.contact_fingers]
-    ]
-
-
 def _likeliest_first(search: GraspSearch, failed: Sequence[FloatArray]) -> list[int]:
     """Return the indices of all grasps, the likeliest to succeed first.
 
     A grasp fails with one that failed by the probability ``exp(-d^2 / 2 l^2)``, where d is the root
     mean square distance of the failed contacts from its nearest ones.
     """
-    if not any(map(len, failed)):
-        return list(range(len(search.grasps)))
-    success = np.array([g.quality.get("success_probability", 1.0) for g in search.grasps])
-    for points in failed:
-        for rank, grasp in enumerate(search.grasps if len(points) else ()):
-            between = np.linalg.norm(grasp.contact_points[:, None] - points, axis=-1).min(axis=0)
-            success[rank] *= 1.0 - np.exp(-0.5 * np.mean(between**2) / _ALIKE**2)
-    return [int(rank) for rank in np.argsort(-success, kind="stable")]
+
+    def failure(rank: int) -> float:
+        grasp, success = search.grasps[rank], 1.0
+        for points in failed:
+            between = cdist(grasp.contact_points, points).min(axis=0)
+            success *= 1.0 - np.exp(-0.5 * np.mean(between**2) / _ALIKE**2)
+        return -success * grasp.quality.get("success_probability", 1.0) if failed else 0.0
+
+    return sorted(range(len(search.grasps)), key=failure)

@@ -133,22 +133,17 @@ def _grasp_facts(attempt: Attempt) -> dict[str, Any]:
 
 
 def _attempt_facts(attempt: Attempt) -> dict[str, Any]:
-    lesson = {} if attempt.lesson is None else {"lesson": asdict(attempt.lesson)}
-    if attempt.outcome is None:
-        return {
-            "grasp": None,
-            "success_probability": None,
-            "measured_contacts": 0,
-            "reason": "no_grasp",
-            **lesson,
-        }
+    outcome = attempt.outcome
+    facts: dict[str, Any] = {"grasp": None, "success_probability": None}
+    if outcome is not None:
+        quality = attempt.search.grasps[attempt.rank].quality
+        facts = {"grasp": attempt.rank + 1, "success_probability": quality["success_probability"]}
     return {
-        "grasp": attempt.rank + 1,
-        "success_probability": attempt.search.grasps[attempt.rank].quality["success_probability"],
-        "measured_contacts": len(attempt.outcome.measured_contacts),
-        "reason": attempt.outcome.reason,
-        **lesson,
-        **_use_facts(attempt.outcome),
+        **facts,
+        "measured_contacts": 0 if outcome is None else len(outcome.measured_contacts),
+        "reason": "no_grasp" if outcome is None else outcome.reason,
+        **({} if attempt.lesson is None else {"lesson": asdict(attempt.lesson)}),
+        **({} if outcome is None else _use_facts(outcome)),
     }
 
 

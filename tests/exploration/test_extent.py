@@ -1,5 +1,6 @@
 """Extent of an object on a table: its ends are found, named while they are sought, and closed."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,7 +17,7 @@ from lis_grasp.exploration import (
     TactileSensor,
     explore,
 )
-from lis_grasp.exploration.extent import ends_of, extent_probe, open_ends
+from lis_grasp.exploration.extent import ends_of, extent_probe, open_ends, unseen_ends
 from lis_grasp.pipeline.stages import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
@@ -102,6 +103,19 @@ def test_an_end_is_sought_until_a_contact_faces_out_or_three_motions_failed() ->
     assert open_ends(space, contacts, [*sides, near, missed, missed, missed]) == ""
     both = space_of([*sides, near, touched(np.array([0.1, 0.0, 0.02]), X)])
     assert open_ends(space, both.contacts, both.outcomes) == ""
+
+
+def test_an_end_without_contact_and_without_free_space_may_displace_the_centre_of_mass() -> None:
+    # Both long sides of a bar along x from 0 to 80 mm, and its end at x = 0.
+    places = [np.array([x, side * 0.01, 0.02]) for x in (0.01, 0.04, 0.08) for side in (-1.0, 1.0)]
+    sides = Contacts(np.array(places), np.array([np.sign(p[1]) * Y for p in places]))
+    known = sides.append(Contacts(np.array([[0.0, 0.0, 0.02]]), -X[None]))
+    (reach,) = unseen_ends(REGION.fitted_to(known), known)
+    np.testing.assert_allclose(reach, [0.25 * 0.08, 0.0, 0.0], atol=1e-3)
+    assert len(unseen_ends(REGION.fitted_to(sides), sides)) == 2
+    beyond = np.array([[0.1, 0.0, 0.02]])
+    passed = replace(known, free_points=beyond, free_radii=np.array([0.015]))
+    assert unseen_ends(REGION.fitted_to(passed), passed) == ()
 
 
 def test_a_sweep_beyond_the_end_of_a_long_object_opens_it_again_where_it_touches() -> None:

@@ -66,3 +66,26 @@ def test_success_over_an_unknown_load_is_between_those_at_its_extremes() -> None
     unknown = _best(mass=1.0, mass_spread=spread)
     light, heavy = (_best(mass=np.exp(s * np.sqrt(3.0) * spread)) for s in (-1.0, 1.0))
     assert heavy < unknown < light
+
+
+def test_unseen_ends_displace_the_centre_of_mass_by_their_standard_deviation() -> None:
+    ends = ((0.03, 0.0, 0.0), (0.0, 0.01, 0.0))
+    centers, weights = map(np.array, zip(*LoadPrior(toward=ends).centers(), strict=True))
+    assert weights.sum() == pytest.approx(1.0)
+    np.testing.assert_array_equal(centers[0], 0.0)
+    assert (centers >= 0.0).all()  # towards the end, never away
+    # Each end has half of the weight, and there the second moment of a normal variable.
+    np.testing.assert_allclose(weights @ centers**2, 0.5 * np.array(ends).sum(axis=0) ** 2)
+    assert next(iter(LoadPrior().centers()))[1] == 1.0
+
+
+def test_a_bar_with_an_unseen_end_is_predicted_to_be_lost_more_often() -> None:
+    bar, hand = trimesh.creation.box((0.03, 0.08, 0.03)), Hand.load("allegro")
+    seen, unseen = (
+        ForceClosureSampler(hand, LoadPrior(0.8, 0.2, toward=toward), candidates=300)
+        .sample(bar, rng=0, support_height=-0.015, count=1)
+        .grasps[0]
+        .quality
+        for toward in ((), ((0.0, 0.05, 0.0),))
+    )
+    assert unseen["success_probability"] < seen["success_probability"] - 0.1

@@ -148,7 +148,7 @@ def test_the_space_inside_the_felt_hand_is_free() -> None:
     failed = replace(_outcome("not_lifted"), measured_contacts=felt)
     made, _ = _scripted([failed, _outcome("held")], (scenes.grasp(),), 2)
     # As far as the object's pose is known, to 2 mm.
-    assert_allclose(made[1].contacts.free_radii[-1:], 0.01)
+    assert_allclose(made[1].contacts.free_radii[-2:], [0.01, 0.0])
 
 
 def test_a_grasp_to_which_the_arm_has_no_way_is_followed_by_the_next_of_the_plan() -> None:
@@ -215,6 +215,16 @@ def test_flat_pads_may_touch_parallel_faces_at_opposite_ends() -> None:
     assert not accept_grasp(Contacts(points, wedge))
     # Fingertips do not turn the object.
     assert not regrasp._tactile_check(BOX.mesh, ALLEGRO, 0.8)(Contacts(points, faces))
+
+
+def test_an_object_with_an_unseen_end_is_touched_before_the_first_grasp() -> None:
+    scenario = scenes.scenario(BOX, scenes.hand(), attempts=1, region=[0.4] * 3, pose="stable")
+    some = scenes.contacts().subset([1, 2, 4])  # none faces along x
+    for contacts, sought in ((scenes.contacts(), []), (some, [None])):
+        script = _Script([_outcome("held")], (scenes.grasp(),))
+        list(grasp_with_tactile_check(scenario, contacts, script))
+        assert script.sought == sought
+        assert bool(script.calls[0]["load"].toward) == bool(sought)
 
 
 # ---- lifts in Drake -------------------------------------------------------------------------
