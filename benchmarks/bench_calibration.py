@@ -9,10 +9,10 @@ which only the distribution is known. The best grasp of 20 contacts is lifted wi
 masses at each of three frictions; the others, and the last of ten, with two of these loads each.
 
 Prints the held rate of each load, the expected calibration error of the success probability that
-is predicted for the load (ten equal bins), the area under the ROC curve, and a fit of the model
-to these lifts, with the calibration error of each object by a fit to the others. The constants in
-use and the lifts that they were fitted to are in `lis_grasp/grasping/success_model.json`: evaluate
-with other seeds, and on other objects.
+is predicted for the load (ten equal bins), and a fit of the model to these lifts, with the
+calibration error of each object by a fit to the others. The constants in use and the lifts that
+they were fitted to are in `lis_grasp/grasping/success_model.json`: evaluate with other seeds, and
+on other objects.
 
 Continues where it stopped when run again with the same folder.
 """
@@ -25,7 +25,6 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit
-from scipy.stats import rankdata
 
 from lis_grasp import Grasp, Hand, pipeline
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
@@ -41,7 +40,7 @@ from lis_grasp_studies.harness.calibration import (
 )
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.program import read_options
-from lis_grasp_studies.harness.tables import Column, grouped_table, split, values_of, where
+from lis_grasp_studies.harness.tables import Column, grouped_table, split, values_of
 from lis_grasp_studies.study.trial import Setup, find_object
 from lis_grasp_studies.test_objects.shape_sets import DEVELOPMENT
 
@@ -100,7 +99,7 @@ def lifts(trial: CalibrationTrial, hand_name: str) -> list[Row]:
     return rows
 
 
-def calibration_columns(column: str = "predicted") -> list[Column]:
+def calibration_columns(column: str) -> list[Column]:
     """Return columns of predictions and outcomes of lifts."""
 
     def both(measure: Callable[..., float]) -> Callable[[Sequence[Row]], str]:
@@ -112,50 +111,19 @@ def calibration_columns(column: str = "predicted") -> list[Column]:
         ("held", both(lambda _, held: held.mean())),
         ("calibration error", both(expected_calibration_error)),
         ("by chance", both(lambda predicted, _: chance_calibration_error(predicted))),
-        ("ROC area", both(roc_area)),
     ]
-
-
-def roc_area(values: np.ndarray, held: np.ndarray) -> float:
-    """Return the area under the ROC curve, from ranks (Mann and Whitney)."""
-    ranks, good = rankdata(values), held.sum()
-    if good in (0, len(held)):
-        return float("nan")
-    return float((ranks[held > 0].sum() - good * (good + 1) / 2) / (good * (len(held) - good)))
-
-
-def print_by_load(title: str, rows: list[Row], cell: Callable[[Sequence[Row]], str]) -> None:
-    """Print a cell for the rows of each mass (a line) and friction (a column)."""
-    columns = [
-        (f"friction {f:g}", lambda rows, f=f: cell(where(rows, friction=f))) for f in FRICTIONS
-    ]
-    print(grouped_table("loads", title, "mass [kg]", split(rows, "mass"), columns).text())
-
-
-def held_count(rows: Sequence[Row]) -> str:
-    return f"{sum(row['held'] for row in rows)} of {len(rows)}"
-
-
-def predicted_beside(rows: Sequence[Row]) -> str:
-    both = (values_of(rows, name) for name in ("refitted", "held"))
-    return " / ".join(f"{100.0 * values.mean():.0f}" if len(values) else "–" for values in both)
 
 
 def report(rows: list[Row]) -> None:
     title = "Predictions by the constants in use"
     columns = calibration_columns("success_probability")
     print(grouped_table("in_use", title, "hand", split(rows, "hand"), columns).text())
-    for hand, lifts_of_hand in split(rows, "hand").items():
-        best = where(lifts_of_hand, best=True, touches=TOUCHES[-1])
-        print_by_load(f"{hand}: held after 20 touches", best, held_count)
     print("fit of the success model:", {k: round(v, 2) for k, v in fit(rows).items()})
     refitted = predicted_for_new_objects(rows)
     rows = [row | {"refitted": float(p)} for row, p in zip(rows, refitted, strict=True)]
-    groups = {"all": rows, **split(rows, "hand")}
-    title = "Each object predicted by a fit to the others"
-    print(grouped_table("new", title, "hand", groups, calibration_columns("refitted")).text())
-    for hand, lifts_of_hand in groups.items():
-        print_by_load(f"{hand}: predicted / held [%]", lifts_of_hand, predicted_beside)
+    groups = {("all", "", ""): rows, **split(rows, "hand", "mass", "friction")}
+    title, columns = "Each object predicted by a fit to the others", calibration_columns("refitted")
+    print(grouped_table("new", title, "hand | mass [kg] | friction", groups, columns).text())
 
 
 def predict(rows: list[Row], parameters: dict[str, float]) -> np.ndarray:

@@ -123,6 +123,11 @@ def _measure(
             what = "a folder" if needed == "." else f"a folder that has {needed}/"
             raise InvalidOptionError.out_of_range(f"--{name}", str(folder), what)
     places = Places(*(p and p.absolute() for p in (options.meshes, options.beside)))
+    left_out = sum(1 for _ in configuration.jobs(None)) - sum(1 for _ in configuration.jobs(places))
+    if left_out:
+        say(
+            f"{left_out} trials are left out: they need scans (--meshes) or hands that are not here"
+        )
     evaluation = Evaluation(configuration, places, results, scheduler_of(options), hours)
     with Stage("Measuring") as stage:
         try:

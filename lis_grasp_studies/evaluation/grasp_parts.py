@@ -112,7 +112,7 @@ class GraspsPart(LiftsPart):
             ("How often is an unknown object held, by one grasp?", once),
             ("And with several attempts?", more),
         ):
-            if part:
+            if part and not self.known:
                 texts = [
                     f"{estimator_label(name)}: {held_text(of)} % of {len(of)} trials"
                     for name, of in split(part, "estimator").items()
