@@ -9,22 +9,44 @@ from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, say, say_search
 from lis_grasp.cli.view import watched
+from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.pipeline.results_folder import results_folder
+from lis_grasp.pipeline.results_index import write_index
 from lis_grasp.pipeline.summary import run_lines
+
+_SEVERAL = Path("results/objects")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     opt.add_exploration(parser, "free_space", "grasps", "attempts", "simulator")
+    several = "further objects: each gets a folder in --output, and an index page shows all"
+    parser.add_argument("more", metavar="OBJECT", nargs="*", help=several)
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Run every stage, and print the summary."""
+    """Run every stage, and print the summary, for each object."""
+    if options.more:
+        _run_each(options, [options.object, *options.more], options.output or _SEVERAL)
+        return
     config = opt.configure_touch(options)
     folder = results_folder(config, options.output)
     with watched(folder if options.watch else None):
         _run(config, folder, fresh=options.fresh)
+
+
+def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> None:
+    names = [Path(name).stem for name in objects]
+    if options.watch or len({*names}) < len(names):
+        raise InvalidOptionError(
+            "several objects need different names, and no --watch", option="object", value=objects
+        )
+    configs = [opt.configure_touch(options) for options.object in objects]
+    folders = [results_folder(c, output / n) for c, n in zip(configs, names, strict=True)]
+    for config, folder in zip(configs, folders, strict=True):
+        _run(config, folder, fresh=options.fresh)
+    say(f"wrote {write_index(output)}: the picture and the numbers of each")
 
 
 def _run(config: pipeline.RunConfig, folder: Path, *, fresh: bool) -> None:

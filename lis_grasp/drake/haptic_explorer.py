@@ -82,9 +82,7 @@ class HapticExplorer(LeafSystem):
     on approach and probe; connect it to the sensor's ``enable``. ``done`` is 1 at the end, and
     ``exploration`` is the `Exploration` so far. With a station there is also ``arm_state`` (2K,).
     Outputs depend on the system's state and the time alone, so loops through the plant are no
-    algebraic loops. It plans within an update of its state, for some tenths of a second.
-
-    Contacts that the sensor has before the first probe are prior knowledge.
+    algebraic loops. Contacts before the first probe are prior knowledge.
 
     Parameters
     ----------

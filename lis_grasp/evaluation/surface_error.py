@@ -88,8 +88,7 @@ def surface_error(
 ) -> SurfaceError:
     """Measure the errors of an estimate against the truth, over the explored part.
 
-    Without contacts, the whole surfaces are compared. Distances are exact; they are averaged over
-    even samples, without random numbers.
+    Without contacts, the whole surfaces are compared. Distances are exact, averaged over samples.
 
     Parameters
     ----------

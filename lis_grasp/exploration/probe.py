@@ -121,8 +121,7 @@ class ProbeOutcome(Record):
         Pose of the hand when it made the contacts, in their frame; None if unknown.
     simulated_pose
         Shape (4, 4): true pose of a free object after the probe, in the frame of the contacts; None
-        if unknown or fixed. It is for the evaluation and to resume a simulation: no policy,
-        estimate or plan uses it.
+        if unknown or fixed. No policy, estimate or plan uses it.
     tracked
         Belief about the object's pose after the probe, where it is tracked. The contacts are then
         in the object's frame after it, and the probe is in that before it.

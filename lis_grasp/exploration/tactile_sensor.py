@@ -23,8 +23,7 @@ class TactileSensor:
     Parameters
     ----------
     force_threshold
-        Contacts of pads with less normal force in all are not detected [N]; those of unknown force
-        are.
+        Contacts of pads with less normal force in all are not detected [N].
     position_noise
         One standard deviation of a contact's position along each axis [m].
     normal_noise

@@ -48,8 +48,7 @@ def epsilon_quality(
     friction
         Coulomb coefficient.
     origin
-        Shape (3,) [m]: reference point of torques; None for the centroid of the points. The usual
-        choice is the object's centre of mass, if known.
+        Shape (3,) [m]: reference point of torques; None for the centroid of the points.
     length_scale
         Divisor of torques [m]; None for the largest distance of a point from the origin.
     model, torsion, edges

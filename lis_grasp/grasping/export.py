@@ -50,8 +50,7 @@ def save_isaac_grasps(
 
     Each grasp has the pose of the hand's base link in the object's frame [m, unit quaternion], the
     actuated joints' positions in contact and opened [rad or m], and as confidence its success
-    probability; with labels, 1 if it was held, else 0. The format has no contacts and other
-    qualities.
+    probability; with labels, 1 if it was held, else 0.
     """
     content: dict[str, Any] = {
         "format": "isaac_grasp",

@@ -48,9 +48,8 @@ class ForceClosureSampler:
     """Plans grasps in force closure that the hand can reach without collision.
 
     1. Contact sets are drawn where the surface is flat enough for a pad and supported by touches
-       (`sample_contact_sets`). If few grasps result, convex bends and narrow faces are used too:
-       edges, thin rods, small balls and low plates. If none results,
-       fingers come closer together, and then rims are pinched from above and below.
+       (`sample_contact_sets`). If few grasps result, convex bends and narrow faces are used too;
+       if none results, fingers come closer together, then rims are pinched from above and below.
     2. Inverse kinematics gives the palm's pose and the joints, and candidates that collide are
        rejected (`CandidateFilter`).
     3. `GraspScorer` rejects what is not in force closure, and predicts the success of the rest.
@@ -64,8 +63,6 @@ class ForceClosureSampler:
         What is known of the object's mass and friction; None for `load`.
     candidates
         Largest number of sampled contact sets, as many again with bends, and as last resorts.
-        Sampling ends early when enough grasps are robust. Refinement tries up to ten more sets for
-        each grasp.
     station
         The `Station` of an arm, in whose reach grasps have to be; None for a free hand.
     obstacles

@@ -58,7 +58,7 @@ def extract_mesh(
         Side of a cell [m]; None takes 1/64 of the largest extent of the bounds.
     touched
         Positions of the contacts, shape (N, 3) [m]: closed parts that none of them is nearest to
-        are dropped, however small their uncertainty. None judges by uncertainty alone.
+        are dropped. None judges by uncertainty alone.
 
     Returns
     -------

@@ -32,8 +32,7 @@ class KinematicProber:
     """Probes by geometry alone: ten times faster than `DynamicProber`, without forces.
 
     The hand moves until its first link touches (`GuardedMotion`). The contact is the point of the
-    object that the link touches, with the normal of the triangle there; its force is unknown. The
-    contacts of a probe are in order of time. The first finger with an approach leads. The first
+    object that the link touches, with the normal of the triangle there. The first
     touch ends a probe of ``"one"`` of the `fingers`; of ``"all"`` the others extend then, and each
     that touches adds a contact. Probes are in the reach of the arm of a `station`.
 

@@ -120,15 +120,13 @@ class GaussianProcessImplicitSurface:
             every distance).
         misfit
             Noise of positions and of normals added to the sensor's, for edges that no smooth f can
-            follow, in units of the prior's standard deviation (scaled, and so in radians for the
-            normals). Far less than the default makes spurious sheets between contacts.
+            follow, in units of the prior's standard deviation.
         prior_mean
             f far from all contacts [m], above 0; None takes the largest distance between two
             contacts.
         length_noise
             Standard deviation of the gradients' lengths at contacts, in units of the prior's: 0
-            binds them to 1. An implicit function need not be a distance; that of an ellipsoid with
-            the least bending has gradients of different lengths.
+            binds them to 1.
         stretch
             Whether the kernel's length is proportional to the contacts' extent along each principal
             axis, instead of the same in all directions. Not for "thin_plate".

@@ -50,9 +50,7 @@ class LocalImplicitSurface(BlockwiseSurface):
     f(x) = sum_i w_i k(x, c_i) beta_i(x) y_i(x)  /  sum_i w_i k(x, c_i)        (eq. 7, normalised)
 
     with the plane y_i of contact i, a weight w_i, a Gaussian kernel k and the convexity beta_i.
-    The zero set is that of eq. 7. The denominator, not in the paper, keeps values finite and
-    distance-like everywhere; eq. 7 underflows to 0 a dozen sigma away from the last contact.
-    The zero set may extend beyond `bounds`, where no contact supports it.
+    The zero set is that of eq. 7. The denominator, not in the paper, keeps values finite.
 
     Made by `from_contacts`. Values are not metric: beside a convex edge they are scaled by beta.
 

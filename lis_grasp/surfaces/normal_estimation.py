@@ -63,8 +63,7 @@ def estimate_normals(
 ) -> Contacts:
     """Estimate the outward normals of points on a surface; return them as contacts.
 
-    The normals have the highest posterior density under a smooth prior of the surface. Their
-    standard deviations are in `Contacts.normal_noise`.
+    They are likeliest under a smooth prior; `Contacts.normal_noise` has their standard deviations.
 
     Parameters
     ----------
@@ -80,13 +79,10 @@ def estimate_normals(
     free_points, free_radii
         Shapes (K, 3) and (K,) [m], balls outside of the object, as in `Contacts`.
     fingertip_radius
-        Radius of the spherical fingertip [m] whose centres `points` are; 0 for surface points. The
-        centres lie on the surface at that distance from the object's, which has the same normals.
-        So the contacts are the centres moved inward by the radius.
+        Radius of the spherical fingertip [m] whose centres `points` are; 0 for surface points.
     position_noise
-        One standard deviation of the points along the normals [m], one for all or shape (N,). None
-        takes 1 % of the largest distance between two points, or up to 4 % where only that makes the
-        sides unambiguous, and leaves it unknown in the result.
+        One standard deviation of the points along the normals [m], one for all or shape (N,); None
+        if it is unknown.
 
     Raises
     ------

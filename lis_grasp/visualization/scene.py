@@ -61,17 +61,17 @@ _LEAST_SIZE = 0.01  # [m] of a scene with a single contact
 class Scene:
     """Content of a scene page, shown on a time line that can be played; a notebook displays it.
 
-    The time line has three chapters: the touches, in which the estimate grows; the candidate
-    grasps; the lift. The fragment of the page's address sets the view: ``#t=2.5`` the time [s],
-    ``play=1`` plays, ``layers=`` a comma-separated list of ``estimate``, ``truth``, ``contacts``,
-    ``normals``, ``free``, ``search``, ``motion``, ``hand``, ``grasp-1`` (and so on), ``together``,
-    ``lift``; ``azimuth``, ``elevation`` [deg] and ``zoom`` set the camera; ``panel=0`` hides the
-    overlay, ``panel=1`` unfolds it, ``panel=fold`` folds it. Parts are joined by ``&``.
+    The time line has chapters for touches, candidate grasps and the lift. The fragment of the
+    page's address sets the view: ``#t=2.5`` the time [s], ``play=1`` plays, ``layers=`` a
+    comma-separated list of ``estimate``, ``truth``, ``contacts``, ``normals``, ``free``,
+    ``search``, ``motion``, ``hand``, ``grasp-1`` (and so on), ``together``, ``lift``; ``azimuth``,
+    ``elevation`` [deg] and ``zoom`` set the camera; ``panel=0`` hides the overlay, ``panel=1``
+    unfolds it, ``panel=fold`` folds it. Parts are joined by ``&``.
 
     Parameters
     ----------
     truth
-        The true object [m], in O; drawn as a glass shell round the estimate, solid in the lift.
+        The true object [m], in O; a glass shell round the estimate, solid in the lift.
     estimate
         The estimated surface [m], in O, coloured by its ``vertex_attributes["uncertainty"]``,
         shape (V,) [m], on a scale that depends on the object's size only; in one colour if there
@@ -82,8 +82,7 @@ class Scene:
         Rows of those that others contradict, to draw them in a colour of their own.
     growth
         Earlier estimates, each with its number of contacts; the numbers increase, and are less than
-        that of all contacts, unless `estimate` is still missing. A contact is shown together with
-        the first estimate from it.
+        that of all contacts, unless `estimate` is still missing.
     touches
         The probe outcome that made each contact, None where it is unknown; or empty. The hand is
         drawn at its `hand_pose`, and approaches along the probe's direction.

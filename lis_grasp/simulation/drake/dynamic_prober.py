@@ -53,9 +53,8 @@ class DynamicProber:
     skipped (`GuardedMotion`). The motion is simulated from 0.5 mm before the first contact until a
     contact's normal force exceeds the threshold.
 
-    Contact is Drake's hydroelastic one between the exact mesh and compliant links, so bores and
-    concave corners are true. A contact is the area-weighted centroid and normal of its patch; a
-    patch across an edge counts as two. Each is tagged with the link that touched.
+    Contact is Drake's hydroelastic one with the exact mesh. A contact is the area-weighted centroid
+    and normal of its patch; a patch across an edge counts as two.
 
     A free object stays where a touch leaves it, toppled or rolled away. Probes and contacts are in
     the frame E in which the hand is commanded, at first the object's frame O: the prober measures

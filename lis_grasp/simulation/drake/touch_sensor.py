@@ -57,8 +57,7 @@ class TouchSensor(LeafSystem):
     ``enable`` and ``reset`` are vectors of one number and may be unconnected: the sensor feels
     while ``enable`` is not 0, and a ``reset`` that rises above 0 empties the record. ``body_poses``
     is needed for ``space`` and ``frame`` only. ``touch`` are the `Contacts` at this moment,
-    ``contacts`` all since the beginning or the reset, with free space. ``contacts`` depends on the
-    system's state alone.
+    ``contacts`` all since the beginning or the reset, with free space.
 
     Parameters
     ----------
