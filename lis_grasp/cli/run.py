@@ -11,7 +11,6 @@ from lis_grasp.cli.progress import PRINTED, say, say_search
 from lis_grasp.cli.view import watched
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.pipeline.results_folder import results_folder
-from lis_grasp.pipeline.results_index import write_index
 from lis_grasp.pipeline.summary import run_lines
 
 _SEVERAL = Path("results/objects")
@@ -20,7 +19,7 @@ _SEVERAL = Path("results/objects")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     opt.add_exploration(parser, "free_space", "grasps", "attempts", "simulator")
-    several = "further objects: each gets a folder in --output, and an index page shows all"
+    several = "further objects: each gets a folder of its name in --output"
     parser.add_argument("more", metavar="OBJECT", nargs="*", help=several)
     parser.set_defaults(execute=execute)
 
@@ -46,7 +45,7 @@ def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> 
     folders = [results_folder(c, output / n) for c, n in zip(configs, names, strict=True)]
     for config, folder in zip(configs, folders, strict=True):
         _run(config, folder, fresh=options.fresh)
-    say(f"wrote {write_index(output)}: the picture and the numbers of each")
+    say(f"next: python -m lis_grasp_studies.figures.run_index {output}: a page that shows all")
 
 
 def _run(config: pipeline.RunConfig, folder: Path, *, fresh: bool) -> None:
