@@ -69,7 +69,10 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
     for number, attempt in enumerate(report["attempts"][:-1], start=1):
         lesson = attempt.get("lesson")
         taught = "the next grasp" if lesson is None else lesson_sentence(lesson)
-        lines.append(f"attempt {number} {attempt['reason']}; then {taught}")
+        lines.append(f"attempt {number} {attempt['reason'].replace('_', ' ')}; then {taught}")
+    if lift.get("grip_margin") is not None:
+        margin = f"the grip was {lift['grip_margin']:.1f} times what the largest shake needs"
+        lines.append(f"weighed   {lift['weighed']:.2g} kg; {margin}")
     if lift["held"]:
         lines.append(
             f"lifted    {lift['mass']:.3g} kg, and held through the shake;"
@@ -80,11 +83,6 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
         no_grasp = lift["reason"] == "no_grasp"
         why = no_grasp_sentence(grasps["rejections"]) if no_grasp else lift_sentence(lift["reason"])
         lines.append(f"{lifted}: {why}")
-    if lift.get("grip_margin") is not None:
-        lines.append(
-            f"weighed   {lift['weighed']:.2g} kg; the grip was {lift['grip_margin']:.1f} times what"
-            " carries it in the largest shake"
-        )
     if "arm" in report:
         lines.append(_arm_line(report))
     return tuple(lines)

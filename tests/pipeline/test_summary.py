@@ -115,6 +115,24 @@ def test_a_run_with_an_arm_says_what_was_demanded_of_it() -> None:
     assert not any(line.startswith("arm ") for line in run_lines(report(iou=1.0, reason="dropped")))
 
 
+def test_the_summary_says_what_each_attempt_taught_and_the_margin_of_the_grip() -> None:
+    made = report(iou=1.0, reason="dropped")
+    lesson = {"felt": 3, "touched": 4, "probes": 9, "moved": 0.021, "lost": False}
+    lost = lesson | {"lost": True, "touched": 20}
+    first = {"reason": "not_lifted", "lesson": lesson}
+    made["attempts"] = [first, {"reason": "turned", "lesson": lost}, {"reason": "dropped"}]
+    made["lift"] = made["lift"] | {"weighed": 0.6, "grip_margin": 0.43}
+    lines = run_lines(made)
+    one, two = (line for line in lines if line.startswith("attempt"))
+    found = "3 contacts felt; found 21 mm away; 9 probes, 4 new contacts"
+    assert one == f"attempt 1 not lifted; then {found}"
+    assert "turned" in two
+    assert "explored anew, 20 contacts" in two
+    (weighed,) = (line for line in lines if line.startswith("weighed"))
+    assert "0.6 kg" in weighed
+    assert "0.4 times" in weighed
+
+
 def test_a_violation_is_said_plainly() -> None:
     fine = {"effort": 0.36, "speed": 0.5, "contacts": {}, "steps": 10}
     bad = {
