@@ -89,7 +89,17 @@ def save_moveit_grasps(
     name: str = "object",
     X_FB: FloatArray | None = None,
 ) -> None:
-    """Write grasps as a list of `moveit_msgs/msg/Grasp` (YAML).
+    """Write `moveit_grasps` to a YAML file; the other arguments are those."""
+    grasps = moveit_grasps(search, hand, name=name, X_FB=X_FB)
+    with whole_file(Path(path)) as temporary:
+        text = yaml.safe_dump(grasps, sort_keys=False, default_flow_style=None)
+        temporary.write_text(text, encoding="utf-8")
+
+
+def moveit_grasps(
+    search: GraspSearch, hand: Hand, *, name: str = "object", X_FB: FloatArray | None = None
+) -> list[dict[str, Any]]:
+    """Return grasps as the fields of `moveit_msgs/msg/Grasp`, in plain values.
 
     Each has the pose of the link that carries the hand, the actuated joints opened and in contact,
     with the efforts of the planned contact forces, the approach that was checked and a straight
@@ -97,8 +107,6 @@ def save_moveit_grasps(
 
     Parameters
     ----------
-    path
-        The file to write.
     search, hand
         The grasps, and their hand.
     name
@@ -110,13 +118,10 @@ def save_moveit_grasps(
     X_HF = inverse_pose(hand.X_LH)
     if X_FB is not None:
         X_HF = X_HF @ inverse_pose(X_FB)
-    grasps = [
+    return [
         {"id": f"grasp_{i}", **_moveit(g, hand, g.X_OH @ X_HF, name)}
         for i, g in enumerate(search.grasps)
     ]
-    with whole_file(Path(path)) as temporary:
-        text = yaml.safe_dump(grasps, sort_keys=False, default_flow_style=None)
-        temporary.write_text(text, encoding="utf-8")
 
 
 def _moveit(grasp: Grasp, hand: Hand, X_OF: FloatArray, name: str) -> dict[str, Any]:

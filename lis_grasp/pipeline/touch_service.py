@@ -24,6 +24,7 @@ from lis_grasp.exploration import (
     advance,
     begin,
 )
+from lis_grasp.grasping.export import moveit_grasps
 from lis_grasp.io import provenance
 from lis_grasp.io.schemas import Number, Vector, first_mistake
 from lis_grasp.logs.detection import APPROACH_NOISE
@@ -42,6 +43,7 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
 
 _MOST_ROWS, _MOST_GRASPS = 1000, 100  # of a request
+_LONGEST_NAME = 100  # letters
 _Rows = Annotated[list[Vector], Field(max_length=_MOST_ROWS)]
 
 
@@ -77,6 +79,7 @@ class GraspRequest(_Request):
     grasps: Annotated[int, Field(ge=1, le=_MOST_GRASPS)] | None = None
     mass: float | None = None
     friction: float | None = None
+    moveit: Annotated[str, Field(max_length=_LONGEST_NAME)] | None = None
 
 
 _REQUESTS: Mapping[str, type[_Request]] = {
@@ -219,4 +222,8 @@ class TouchService:
         made = grasp_file(self.folder / "surface.ply", **options)
         written = json.loads(made.path.read_text(encoding="utf-8"))
         names = ("grasps", "candidates", "rejections")
-        return {"file": made.path.name, **{name: written[name] for name in names}}
+        answer = {"file": made.path.name, **{name: written[name] for name in names}}
+        if request.moveit is not None:
+            name, X_FB = request.moveit, self.hand.X_FB
+            answer["moveit"] = moveit_grasps(made.search, self.hand, name=name, X_FB=X_FB)
+        return answer
