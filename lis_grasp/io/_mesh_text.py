@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lis_grasp.exceptions import note
 from lis_grasp.io._ply import read_ply
 from lis_grasp.io._polygons import as_triangles, triangulate
 from lis_grasp.io.limits import ReadError
@@ -135,17 +136,19 @@ def read_off(path: Path) -> tuple[FloatArray, list[list[int]]]:
     return np.array([row[:3] for row in vertices], np.float64).reshape(-1, 3), polygons
 
 
-def read_stl(path: Path) -> tuple[Triangles, bool]:
+def read_stl(path: Path) -> Triangles:
     """Return the triangles of an STL file, text or binary, each with vertices of its own.
 
-    The flag says that a text ends before its ``endsolid``, as a download that stopped does.
+    A text that ends before its ``endsolid``, as a download that stopped does, is noted.
     """
-    content, is_ended = path.read_bytes(), True
+    content = path.read_bytes()
     (count,) = struct.unpack_from("<I", content, _STL_START - 4) if len(content) >= 84 else (0,)
     held = (len(content) - _STL_START) // _STL_ROW.itemsize
     is_exact = len(content) == _STL_START + _STL_ROW.itemsize * count
     if not is_exact and (b"\0" not in content or _STL_FACET.search(content[:_STL_NAMED])):
         corners, is_ended = _corners_in_text(content)
+        if not is_ended:
+            note(f"{path} ends without `endsolid`: if a download stopped, repeat it")
     elif len(content) < _STL_START:
         raise ReadError(f"it has {len(content)} bytes, fewer than the start of a binary STL")
     elif count > held or (count == 0 and held > 0):
@@ -153,7 +156,7 @@ def read_stl(path: Path) -> tuple[Triangles, bool]:
     else:  # bytes after the last triangle are of other programs
         rows = np.frombuffer(content, _STL_ROW, count, _STL_START)
         corners = rows["corners"].reshape(-1, 3).astype(np.float64)
-    return (corners, np.arange(len(corners)).reshape(-1, 3)), not is_ended
+    return corners, np.arange(len(corners)).reshape(-1, 3)
 
 
 def _corners_in_text(content: bytes) -> tuple[FloatArray, bool]:

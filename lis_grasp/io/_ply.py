@@ -10,13 +10,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from plyfile import (
-    PlyData,
-    PlyElement,
-    PlyElementParseError,
-    PlyHeaderParseError,
-    PlyParseError,
-)
+import plyfile
+from plyfile import PlyData, PlyElement
 
 from lis_grasp.io.limits import MEBIBYTE, ReadError, announced_rows, reading
 
@@ -34,18 +29,18 @@ def read_ply(path: Path) -> PlyData:
     """
     with reading(path, "PLY", most=_MOST_BYTES):
         announced_rows(path)
-        with suppress(PlyParseError, ValueError, OverflowError):
+        with suppress(plyfile.PlyParseError, ValueError, OverflowError):
             return PlyData.read(str(path), known_list_len=_TRIANGLES)
         try:
             return PlyData.read(str(path), mmap=False)
-        except PlyElementParseError as error:
+        except plyfile.PlyElementParseError as error:
             name = error.element.name
             where = "" if error.row is None else f"row {error.row + 1} of "
             raise ReadError(
                 f"{where}its {error.element.count} rows of {name} is not as its header says, or the"
                 " file ends there"
             ) from None
-        except PlyHeaderParseError as error:
+        except plyfile.PlyHeaderParseError as error:
             raise ReadError(f"line {error.line} of its header is no PLY") from None
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from lis_grasp.exceptions import InvalidFileError
 
 _START = 4096  # bytes that tell
+_NO_MESH = ", not a mesh"
 _KINDS = tuple(
     (re.compile(pattern, re.IGNORECASE), kind)
     for pattern, kind in (
@@ -38,8 +39,10 @@ _KINDS = tuple(
         (rb"# \.PCD|VERSION \.?\d", "a point cloud of PCL: name it .pcd"),
         (rb"\x93NUMPY", "an array of NumPy: name it .npy"),
         (rb"<COLLADA\b", "a COLLADA file: name it .dae"),
-        (rb"<mujoco\b", "an MJCF model of MuJoCo, not a mesh"),
-        (rb"<(robot|sdf)\b", "the description of a robot, not a mesh"),
+        (rb"<mujoco\b", f"an MJCF model of MuJoCo{_NO_MESH}"),
+        (rb"<(robot|sdf)\b", f"the description of a robot{_NO_MESH}"),
+        (rb"#usda|PXR-USDC", "USD: export it in another format"),
+        (rb"\Z", "empty: download or export it again"),
         (rb"[GM]\d+(\s|$)", "G-code of a slicer: take the mesh that it was made from"),
     )
 )
@@ -63,12 +66,17 @@ def named_by_content(path: Path) -> Iterator[None]:
         raise
 
 
-def require_kind(path: Path) -> None:
-    """Raise `InvalidFileError` for a file that is of another known kind than its name says."""
+def require_kind(path: Path, needed: str = "") -> None:
+    """Raise `InvalidFileError` for a file that is of another known kind than its name says.
+
+    `needed` names what is needed in place of the ending: the description of a robot.
+    """
     ending = path.suffix.lower()
     kind = _kind_of(path, ending) if path.is_file() else ""
-    if kind and not (ending in _ARCHIVES and "ZIP" in kind):
-        raise InvalidFileError(f"{path} must be {ending[1:].upper()}; it is {kind}", path=path)
+    is_named = ending in _ARCHIVES and "ZIP" in kind
+    if kind and not is_named and not (needed and kind.endswith(_NO_MESH)):
+        needed = needed or ending[1:].upper()
+        raise InvalidFileError(f"{path} must be {needed}; it is {kind}", path=path)
 
 
 def _kind_of(path: Path, ending: str) -> str:

@@ -7,7 +7,7 @@ import re
 import stat
 import zipfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -34,6 +34,11 @@ MOST_NODES = 50_000
 MOST_CHARACTERS = 10_000
 """Length of a value of a YAML file: PyYAML reads 1:59:59:... in the square of it."""
 
+_REASONS: Mapping[type[Exception], str] = {
+    UnicodeDecodeError: "it is not UTF-8 text",
+    RecursionError: "its values are nested too deeply",
+    zipfile.BadZipFile: "it is no ZIP archive, or cut off",
+}
 _QUOTED = 60  # letters of a line in a message
 _PLY_HEADER = 65_536  # bytes
 _PLY_ELEMENT = re.compile(rb"^element[ \t]+(\S+)[ \t]+(\d{1,18})", re.MULTILINE)
@@ -72,12 +77,8 @@ def reason_of(error: Exception, kind: str) -> str:
     """Return why a reader failed in words for its user: a library's own are never repeated."""
     if isinstance(error, ReadError):
         return str(error)
-    if isinstance(error, UnicodeDecodeError):
-        return "it is not UTF-8 text"
-    if isinstance(error, RecursionError):
-        return "its values are nested too deeply"
-    if isinstance(error, zipfile.BadZipFile):
-        return "it is no ZIP archive, or cut off"
+    if type(error) in _REASONS:
+        return _REASONS[type(error)]
     mark = getattr(error, "problem_mark", None)  # of YAML; lineno is of JSON
     line = getattr(error, "lineno", None) if mark is None else mark.line + 1
     if isinstance(error, ElementTree.ParseError):

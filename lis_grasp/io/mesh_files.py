@@ -18,7 +18,7 @@ from types import MappingProxyType
 import numpy as np
 import trimesh
 
-from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.exceptions import InvalidFileError, LisGraspWarning
 from lis_grasp.io._gltf import require_readable_gltf
 from lis_grasp.io._mesh_archives import plain_dae, read_3mf
 from lis_grasp.io._mesh_text import plain_obj, read_off, read_ply_polygons, read_stl
@@ -60,14 +60,11 @@ class MeshFile:
         Length of the unit that the file or its format states [m]; None if it does not.
     up
         Axis that the file or its format states to point up, "x", "y" or "z"; None if it does not.
-    is_cut
-        Whether a text STL ends without ``endsolid``.
     """
 
     mesh: trimesh.Trimesh
     metres: float | None = None
     up: str | None = None
-    is_cut: bool = False
 
 
 def read_mesh(
@@ -110,6 +107,7 @@ def read_mesh(
         with warnings.catch_warnings():
             # Warnings about textures and colours do not matter here.
             warnings.simplefilter("ignore")
+            warnings.simplefilter("always", LisGraspWarning)
             read = _read(path, ending, merge, materials)
         for array in (read.mesh.vertices, read.mesh.faces):
             if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
@@ -123,8 +121,7 @@ def read_mesh(
 def _read(path: Path, ending: str, merge: bool, materials: bool) -> MeshFile:
     match ending:
         case ".stl":
-            triangles, is_cut = read_stl(path)
-            return MeshFile(_mesh(*triangles, merge), is_cut=is_cut)
+            return MeshFile(_mesh(*read_stl(path), merge))
         case ".off":
             vertices, polygons = read_off(path)
             return MeshFile(_mesh(vertices, as_triangles(vertices, polygons), merge))

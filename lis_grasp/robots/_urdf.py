@@ -17,20 +17,13 @@ import yourdfpy
 from defusedxml import DefusedXmlException
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
+from lis_grasp.io.content_kinds import require_kind
 from lis_grasp.io.limits import MEBIBYTE, reason_of, require_file_size
 from lis_grasp.robots.model_uri import package_folders
 
 _MOST_BYTES = 64 * MEBIBYTE  # of a URDF, SDF or MJCF that is read
 _NAMESPACES = {b"drake": b"http://drake.mit.edu"}
-_START = 400  # bytes in which other files are recognised
-# Other files by their start in small letters, and the way out.
-_OTHER_FILES = (
-    (rb"version https://git-lfs", "a Git LFS pointer: run `git lfs pull` in its repository"),
-    (rb"(<!--.*?-->\s*)?<(!doctype )?html", "a web page: download the file itself, by 'Raw'"),
-    (rb"#usda|pxr-usdc", "USD: export the robot as URDF, SDF or MJCF"),
-    (rb"pk\x03\x04", "a ZIP archive: unpack it, and give a file in it"),
-    (rb"\Z", "empty: download or export it again"),
-)
+_START = 400  # bytes in which XML names its encoding
 
 
 @contextlib.contextmanager
@@ -142,7 +135,7 @@ def parse_xml(path: Path) -> ET.Element:
     try:
         require_file_size(path, _MOST_BYTES)
         text = path.read_bytes()
-        _require_no_other_file(text, path)
+        require_kind(path, "a URDF, SDF or MJCF")
         text = re.sub(rb"\A([^<]|<!--.*?-->)+(?=<\?xml)", b"", text, flags=re.DOTALL)
         try:
             root: ET.Element = defusedxml.ElementTree.fromstring(text)
@@ -158,13 +151,6 @@ def parse_xml(path: Path) -> ET.Element:
         reason = _reason(text, error)
         raise InvalidFileError(f"{path} is not valid XML: {reason}", path=path) from None
     return _expand_macros(path) if _has_macros(root) else root
-
-
-def _require_no_other_file(text: bytes, path: Path) -> None:
-    start = text[:_START].lstrip().lower()
-    for pattern, kind in _OTHER_FILES:
-        if re.match(pattern, start, re.DOTALL):
-            raise InvalidFileError(f"{path} must be a URDF, SDF or MJCF; it is {kind}", path=path)
 
 
 def _reason(text: bytes, error: Exception) -> str:

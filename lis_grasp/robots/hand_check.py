@@ -7,18 +7,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
-from lis_grasp.geometry import apply_pose, inverse_pose, rotate
+from lis_grasp.geometry import apply_pose, rotate
 from lis_grasp.io.yaml_files import is_plain_text
 from lis_grasp.robots.collision import checker_of
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.inertias import RULE, impossible_inertias
-from lis_grasp.robots.robot_model import LinkGeometry, Pad, ProbePosture, RobotModel
+from lis_grasp.robots.link_bodies import crossing, points_of_bodies
+from lis_grasp.robots.robot_model import Pad, ProbePosture, RobotModel
 from lis_grasp.typing import FloatArray
 
 # A pad counts as covered by its link where the link is further out by more than this [m].
 _PAD_COVERED = 0.002
-_PARALLEL = 1e-9  # cosine between a line and a face's normal
 _ROUNDING = 1e-4  # of a position that is written with few digits [m]
 # Largest effort of a hand's joint: N m of one that turns, N of one that slides.
 _MOST_EFFORT = {"revolute": 100.0, "continuous": 100.0, "prismatic": 2000.0}
@@ -244,9 +245,8 @@ def _lead(hand: Hand, posture: ProbePosture) -> tuple[float, str]:
 
 def _extent_along(hand: Hand, links: dict[str, FloatArray], axis: FloatArray, link: str) -> float:
     """Return the largest coordinate of a link's bodies along an axis of H [m]."""
-    return max(
-        (_support(g, links, axis) for g in hand.link_geometries if g.link == link), default=-np.inf
-    )
+    points = apply_pose(links[link], points_of_bodies(hand.link_geometries, link))
+    return float((points @ axis).max(initial=-np.inf))
 
 
 def _height_over(hand: Hand, links: dict[str, FloatArray], pad: Pad, axis: FloatArray) -> float:
@@ -257,42 +257,17 @@ def _height_over(hand: Hand, links: dict[str, FloatArray], pad: Pad, axis: Float
     """
     link = _body_link(hand, pad)
     middle = apply_pose(links[pad.link], pad.center_L)
-    bodies = [g for g in hand.link_geometries if g.link == link]
-    counted = [
-        g
-        for g in bodies
-        if (_middle(g, links) - middle) @ hand.approach_H > 0.0
-        or _is_crossed(g, links, middle, axis)
+    bodies = [
+        apply_pose(links[link] @ g.X_LG, np.asarray(g.mesh.vertices))
+        for g in hand.link_geometries
+        if g.link == link
     ]
-    return max((_support(g, links, axis) for g in counted or bodies), default=-np.inf)
-
-
-def _middle(geometry: LinkGeometry, links: dict[str, FloatArray]) -> FloatArray:
-    """Return the mean vertex of a body, in H (3,) [m]."""
-    X_HG = links[geometry.link] @ geometry.X_LG
-    return apply_pose(X_HG, geometry.mesh.vertices.mean(axis=0))
-
-
-def _support(geometry: LinkGeometry, links: dict[str, FloatArray], axis: FloatArray) -> float:
-    """Return the largest coordinate of a body along an axis of H [m]."""
-    X_HG = links[geometry.link] @ geometry.X_LG
-    points = apply_pose(X_HG, np.asarray(geometry.mesh.vertices))
-    return float((points @ axis).max())
-
-
-def _is_crossed(
-    geometry: LinkGeometry, links: dict[str, FloatArray], point: FloatArray, axis: FloatArray
-) -> bool:
-    """Return whether the line through a point along an axis of H crosses a convex body."""
-    X_GH = inverse_pose(links[geometry.link] @ geometry.X_LG)
-    origin, direction = apply_pose(X_GH, point), rotate(X_GH, axis)
-    normals, corners = geometry.mesh.face_normals, geometry.mesh.triangles[:, 0]
-    heights = ((corners - origin) * normals).sum(axis=1)  # inside: slope * t <= height
-    slopes = normals @ direction
-    out, into = slopes > _PARALLEL, slopes < -_PARALLEL
-    leaves = float((heights[out] / slopes[out]).min(initial=np.inf))
-    enters = float((heights[into] / slopes[into]).max(initial=-np.inf))
-    return bool((heights[~out & ~into] >= 0.0).all() and enters <= leaves)
+    counted = []
+    for points in bodies:
+        enters, leaves = crossing(ConvexHull(points).equations, middle, axis)
+        if (points.mean(axis=0) - middle) @ hand.approach_H > 0.0 or enters <= leaves:
+            counted.append(points)
+    return max((float((points @ axis).max()) for points in counted or bodies), default=-np.inf)
 
 
 def _body_link(hand: Hand, pad: Pad) -> str:

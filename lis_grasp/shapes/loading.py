@@ -179,10 +179,7 @@ def _read(
         vertices = np.array(read.mesh.vertices, dtype=np.float64) @ TO_Z_UP[axis].T
     changes = [f"scaled from {unit_name(metres)} to metres"] if read.metres and metres != 1 else []
     changes += [f"turned from {axis} up to z up"] if read.up and axis != "z" else []
-    changes = [f"{change}, as the file states" for change in changes]
-    if read.is_cut:
-        changes.append("read to its end, which has no `endsolid`: if a download stopped, repeat it")
-    return read, vertices, faces, metres, tuple(changes)
+    return read, vertices, faces, metres, tuple(f"{c}, as the file states" for c in changes)
 
 
 def _mistaken_units(path: Path, extent: float, metres: float, stated: bool) -> str:

@@ -336,8 +336,8 @@ URDF_MISTAKES = {
     "joint type": ('type="prismatic"', 'type="planar"', "is of type 'planar'"),
     "mass": ("<mass value=", "<mass was=", "a mass above 0"),
     "two roots": ('<parent link="body"/>', '<parent link="left_tip"/>', "one tree|loop|parent"),
-    "axis": ('<axis xyz="1 0 0"/>', '<axis xyz="0 0 0"/>', "three numbers in xyz"),
-    "flat axis": ('<axis xyz="1 0 0"/>', '<axis xyz="1 0"/>', "three numbers in xyz"),
+    "axis": ('<axis xyz="1 0 0"/>', '<axis xyz="0 0 0"/>', "three numbers"),
+    "flat axis": ('<axis xyz="1 0 0"/>', '<axis xyz="1 0"/>', "three numbers"),
     "missing mesh": (
         '<box size="0.146 0.0495 0.0725"/>',
         '<mesh filename="package://hand/body.stl"/>',

@@ -13,6 +13,7 @@ from lis_grasp.geometry import angle_between, apply_inverse, apply_pose, rotate,
 from lis_grasp.records import read_only
 from lis_grasp.robots.draft._structure import Finger, FingerBody, link_points
 from lis_grasp.robots.kinematics import link_kinematics
+from lis_grasp.robots.link_bodies import crossing
 from lis_grasp.robots.robot_model import Pad, RobotModel
 from lis_grasp.typing import FloatArray
 
@@ -210,7 +211,8 @@ def _largest_face(
         others = [other.points_L for other in finger.bodies if other is not body]
         hulls = [ConvexHull(p_L) for p_L in others]
         for area, axis, center in _faces(body.points_L, towards_L):
-            if any(_is_covered(hull, axis, center) for hull in hulls):
+            ways = (crossing(hull.equations, center, axis) for hull in hulls)
+            if any(enters < leaves > _COVERED for enters, leaves in ways):
                 continue
             if best is None or area > best[0]:
                 best = (area, body, axis, center)
@@ -246,13 +248,3 @@ def _faces(
             angle = angle_between(normal, towards_L)
             weight = np.exp(-((angle / _OBLIQUE) ** 2))
             yield float(areas[face].sum() * weight), normal, middle
-
-
-def _is_covered(hull: ConvexHull, axis: FloatArray, point: FloatArray) -> bool:
-    """Return whether a ray from a point (3,) along an axis leaves a convex hull further out."""
-    slopes = hull.equations[:, :3] @ axis
-    heights = -(hull.equations[:, :3] @ point + hull.equations[:, 3])  # inside: slope * t < height
-    out, into = slopes > 1e-9, slopes < -1e-9
-    leaves = float((heights[out] / slopes[out]).min())
-    enters = float((heights[into] / slopes[into]).max())
-    return bool((heights[~out & ~into] >= 0.0).all() and enters < leaves and leaves > _COVERED)
