@@ -44,8 +44,8 @@ _MIRRORS = 6
 # Weight of contacts that are far away, where none is near.
 _FAR_WEIGHT = 1e-9
 
-# Twice the concentration of directions from which a surface is touched, see `normal_estimation`.
-_FROM_OUTSIDE = 6.0
+# Log odds of the side from which a contact was touched, and the cosine of touches that graze it.
+_FROM_OUTSIDE, _GRAZING = 10.0, 0.1
 # Free space this near to a contact, in spacings, is that of its own touch.
 _TOUCHING = 0.5
 
@@ -168,7 +168,7 @@ class Evidence:
         flipped -= _CHORD * np.einsum("ij,ij->i", chords, weights)
         flipped += _exchange_odds(above / np.maximum(level, 1))
         flipped += _exchange_odds(0.5 + 0.5 * mirrored)
-        flipped -= _FROM_OUTSIDE * np.sum(self.outside * normals, axis=1)
+        flipped -= _FROM_OUTSIDE * self.facing()
 
         distance = np.abs(errors[:, 0])
         usual = _LARGEST_ERROR * np.median(distance)
@@ -193,6 +193,10 @@ class Evidence:
         np.fill_diagonal(weights, 0.0)
         chords = _LARGEST_CHORD * np.tanh(chords)
         return pairs, chords, weights / weights.sum(axis=1, keepdims=True)
+
+    def facing(self) -> FloatArray:
+        """Return from -1 to 1 how surely each normal points into free space, 0 where unknown."""
+        return np.tanh(np.sum(self.outside * self.targets[:, 1:], axis=1) / _GRAZING)
 
     def most_mirrored(self, i: int) -> float:
         """Return how well the best of some neighbours mirrors a contact's normal, on any side."""

@@ -19,7 +19,7 @@ LEAST_MARGIN = 1.6
 """Difference of energies to other signs from which signs are known."""
 
 # Weights of mirrored neighbours, of chords, and of free space at a contact.
-_MIRRORED, _CHORDS, _FREE_SPACE = 3.0, 6.0, 10.0
+_MIRRORED, _CHORDS, _FREE_SPACE = 3.0, 6.0, 40.0
 # Fraction of the increase for one other sign.
 _OF_ONE = 0.25
 # Least decrease of a flip.
@@ -66,7 +66,7 @@ class NormalSigns:
             constant=float(evidence.precision[:, 0, :, 0].sum()),
             mirrored=0.5 * (mirrored + mirrored.T),
             outward=np.where(np.sum(from_middle * normals, axis=1) < 0.0, -1.0, 1.0),
-            bias=0.5 * _FREE_SPACE * np.sum(evidence.outside * normals, axis=1),
+            bias=0.5 * _FREE_SPACE * evidence.facing(),
         )
 
     def energy(self, signs: FloatArray) -> float:
