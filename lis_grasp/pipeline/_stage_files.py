@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
@@ -99,13 +100,13 @@ class StoredStages(Stages):
     def __init__(self, folder: Path, watch: Stopwatch, progress: Progress) -> None:
         self._folder, self._watch, self._progress = folder, watch, progress
         self._recorded = read_facts(folder / "contacts.ply")
-        self._stored = len(Contacts.load(folder / "contacts.ply"))
+        self._stored = Contacts.load(folder / "contacts.ply").points
 
     def estimate(self, scenario: Scenario, contacts: Contacts) -> trimesh.Trimesh:
         """Estimate the surface, and write contacts.ply if there are new ones, and surface.ply."""
         self._recorded |= scenario.facts()
         with self._watch.measure("estimate"):
-            if len(contacts) != self._stored:
+            if not np.array_equal(contacts.points, self._stored):
                 path = self._folder / "contacts.ply"
                 contacts.save(path, header=provenance.merge(self._recorded))
                 contacts = Contacts.load(path)

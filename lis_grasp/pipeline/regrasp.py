@@ -172,10 +172,8 @@ def grasp_with_tactile_check(
 
 def _with_ends(scenario: Scenario, contacts: Contacts) -> Scenario:
     """Return the scenario with the ends of the object in a region that no contact shows."""
-    known = scenario.known
-    if not isinstance(known.space, Region):
-        return scenario
-    toward = unseen_ends(known.space.fitted_to(contacts), contacts)
+    known, space = scenario.known, scenario.known.space
+    toward = unseen_ends(space.fitted_to(contacts), contacts) if isinstance(space, Region) else ()
     return replace(scenario, known=replace(known, load=replace(known.load, toward=toward)))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import chain, pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,10 @@ from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome
 from lis_grasp.lifting.trial import AcceptGrasp
 from lis_grasp.pipeline import RunConfig, Scenario, regrasp
+from lis_grasp.pipeline._stage_files import StoredStages
+from lis_grasp.pipeline.progress import SILENT
 from lis_grasp.pipeline.regrasp import Attempt, Lesson, Stages, grasp_with_tactile_check, touch_more
+from lis_grasp.pipeline.stages import Stopwatch
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
 ALLEGRO = Hand.load("allegro")
@@ -225,6 +229,16 @@ def test_an_object_with_an_unseen_end_is_touched_before_the_first_grasp() -> Non
         list(grasp_with_tactile_check(scenario, contacts, script))
         assert script.sought == sought
         assert bool(script.calls[0]["load"].toward) == bool(sought)
+
+
+def test_contacts_of_an_object_explored_anew_replace_those_in_the_file(tmp_path: Path) -> None:
+    contacts = _face_contacts(np.zeros(3))
+    contacts.save(tmp_path / "contacts.ply")
+    stages = StoredStages(tmp_path, Stopwatch(), SILENT)
+    anew = _face_contacts(np.array([0.1, 0.0, 0.0]))  # as many, somewhere else
+    stages.estimate(scenes.scenario(BOX, scenes.hand()), anew)
+    stored = Contacts.load(tmp_path / "contacts.ply")
+    assert_allclose(stored.points, anew.points, rtol=0.0, atol=1e-6)
 
 
 # ---- lifts in Drake -------------------------------------------------------------------------
