@@ -77,9 +77,9 @@ def sample_contact_sets(
         angle = float(rng.choice(_APPROACH_ANGLES))
         chosen = _choose_fingers(opposition, rng)
         spread = float(rng.choice(limits[0]))
-        lean = 0.0 if hand.kind == "parallel_jaw" else float(rng.choice(_LEANS))
+        lean = float(rng.choice(_LEANS)) if _radii(hand).any() else 0.0
         p, n = samples.points[i], samples.normals[i]
-        closing = -n if rng.random() < 0.5 else -_horizontal(n)
+        closing = -n if rng.random() < 0.5 else -unit(n * [1.0, 1.0, 0.0])
         across = _opposing_point(samples, p, closing)
         if across is None:
             rejected["no_opposing_surface"] += 1
@@ -180,10 +180,6 @@ def _orientation(closing: FloatArray, angle: float, lean: float) -> FloatArray:
     lateral = cross(closing, approach)
     leaning = np.cos(lean) * approach - np.sin(lean) * closing
     return np.column_stack([leaning, lateral, cross(leaning, lateral)])
-
-
-def _horizontal(normal: FloatArray) -> FloatArray:
-    return unit(normal * [1.0, 1.0, 0.0])
 
 
 def _opposing_point(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,7 +21,7 @@ from lis_grasp.grasping._candidate_filter import TIP_CLEARANCE, CandidateFilter
 from lis_grasp.grasping._contact_samples import SurfaceSamples
 from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasp_ranking import GraspScorer
-from lis_grasp.grasping.grasps import GraspSearch, LoadPrior, Reach
+from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
 from lis_grasp.grasping.hand_capacity import least_pinched_height
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray, IndexArray, Seed
@@ -132,6 +133,12 @@ class ForceClosureSampler:
             )
         if support_height is not None:
             height = float(mesh.bounds[1, 2]) - support_height
+            low = copy(self)
+            low.hand = self.hand.for_height(height)
+            if low.hand is not self.hand:
+                found = low.sample(mesh, rng=rng, support_height=support_height, count=count)
+                if len(found):
+                    return found
             if height < least_pinched_height(self.hand, self.prior.friction):
                 every = {"lower_than_fingertips": self.candidates}
                 return GraspSearch((), every, self.candidates)
@@ -160,7 +167,6 @@ class ForceClosureSampler:
             if not len(search):
                 search.draw_enough(search.drawn + self.candidates // 2, count)
         search.refine(count)
-        search.predict_success()
         return search.result()
 
 
@@ -231,16 +237,14 @@ class _Search:
             best = both.subset(winners)
         self.grasps = _sorted(best)
 
-    def predict_success(self) -> None:
-        """Rank the grasps by precise qualities, over the prior of the load."""
-        if self.grasps is not None:
-            self.grasps = _sorted(self.scorer.predict_success(self.grasps))
-
     def result(self) -> GraspSearch:
-        """Return the grasps."""
+        """Return the grasps, ranked by precise qualities, over the prior of the load."""
         rejected = self.rejected + self.candidate_filter.rejected + self.scorer.rejected
+        grasps: list[Grasp] = []
+        if self.grasps is not None:
+            grasps = self.scorer.plan_forces(_sorted(self.scorer.predict_success(self.grasps)))
         return GraspSearch(
-            () if self.grasps is None else tuple(self.scorer.plan_forces(self.grasps)),
+            tuple(grasps),
             {reason: n for reason, n in sorted(rejected.items()) if n},
             self.drawn,
         )

@@ -70,6 +70,8 @@ class Hand(RobotModel):
         Largest force of one finger [N].
     X_FB
         Shape (4, 4): the base link in the flange frame of an arm; None for the default mount.
+    low_objects
+        File of the same hand with narrower pads, for objects lower than its round pads; or None.
 
     Examples
     --------
@@ -87,6 +89,7 @@ class Hand(RobotModel):
     self_collision_exclusions: frozenset[tuple[str, str]]
     max_contact_force: float
     X_FB: FloatArray | None = None
+    low_objects: Path | None = None
 
     @classmethod
     def load(cls, path_or_name: str | Path) -> Hand:
@@ -102,6 +105,12 @@ class Hand(RobotModel):
     def __repr__(self) -> str:
         joints, fingers = len(self.joint_names), ", ".join(self.fingers)
         return f"Hand({self.name!r}, {self.kind}, {joints} joints, fingers: {fingers})"
+
+    def for_height(self, height: float) -> Hand:
+        """Return the hand with the pads for an object of a height [m] above its support."""
+        if self.low_objects is None or height >= 2.0 * min(pad.radius for pad in self.pads):
+            return self
+        return Hand.load(self.low_objects)
 
     @property
     def fingers(self) -> tuple[str, ...]:

@@ -123,6 +123,10 @@ class HandEntry(_RobotEntry):
     pregrasps: dict[Name, list[Number]] = Field(
         min_length=1, description="Opened postures by name: one number for each joint [rad or m]."
     )
+    low_objects: Name | None = Field(
+        default=None,
+        description="File of the same hand with narrower pads, for objects lower than round pads.",
+    )
     probe_postures: dict[Name, ProbeEntry] = Field(
         default_factory=dict,
         description="By the name of the leading finger; none if the hand does not touch.",

@@ -50,12 +50,14 @@ _STIFFNESS = 4000.0
 
 def read_hand_file(path_or_name: str | Path) -> dict[str, Any]:
     """Return the fields of a `Hand`; arguments and errors as of `Hand.load`."""
-    file = _read_file(hand_path(path_or_name), "hand", HandEntry, InvalidHandError)
+    path = hand_path(path_or_name)
+    file = _read_file(path, "hand", HandEntry, InvalidHandError)
     try:
         model = read_description(file.description, DescriptionEdits.of(file.entry))
     except InvalidFileError as error:
         raise InvalidHandError(f"{file.name}: {error}", file=file.name, key="urdf") from None
-    return _hand_fields(_Checks(file, model))
+    low = file.entry.low_objects
+    return _hand_fields(_Checks(file, model)) | {"low_objects": low and path.with_name(low)}
 
 
 def read_arm_file(path_or_name: str | Path) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Grasps of low, thin and long objects on a support, and their ranking by inertia and levers."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from lis_grasp.grasping.hand_capacity import least_pinched_height
 from lis_grasp.grasping.inverse_kinematics import solve_ik
 from lis_grasp.pipeline.reasons import no_grasp_sentence
 from lis_grasp.robots.collision import HandCollisionChecker
+from lis_grasp.robots.shipped_models import model_path
 
 ALLEGRO, JAW = Hand.load("allegro"), Hand.load("wsg50")
 
@@ -206,3 +208,19 @@ def test_a_hand_with_thick_fingertips_is_told_that_an_object_is_too_flat() -> No
     assert list(search.rejections) == ["lower_than_fingertips"]
     assert "round fingertips" in no_grasp_sentence(search.rejections)
     assert least_pinched_height(JAW, 0.8) == 0.0
+
+
+def test_a_hand_with_thick_fingertips_takes_its_narrow_pads_for_a_low_object(
+    tmp_path: Path,
+) -> None:
+    text = model_path("hands/allegro/allegro.yaml").read_text()
+    text = text.replace("urdf: allegro.urdf", f"urdf: {model_path('hands/allegro/allegro.urdf')}")
+    (tmp_path / "narrow.yaml").write_text(text)
+    thick = tmp_path / "thick.yaml"
+    thick.write_text(text.replace("radius: 0.003, axis", "radius: 0.015, axis"))
+    strip = _on_table(trimesh.creation.box((0.15, 0.03, 0.004)))
+    assert _plan(Hand.load(thick), strip).rejections.keys() == {"lower_than_fingertips"}
+    thick.write_text(thick.read_text() + "low_objects: narrow.yaml\n")
+    hand = Hand.load(thick)
+    assert hand.for_height(0.031) is hand  # a ball of 15 mm touches it at its equator
+    assert _plan(hand, strip).best.contact_points[:, 2].max() <= 0.004
