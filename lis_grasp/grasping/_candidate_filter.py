@@ -67,11 +67,9 @@ class CandidateFilter:
     ) -> None:
         self._reach_check = None if reach is None else reach.reach_check(mesh)
         self._hand = hand
-        clearance = _CLEARANCE if reach is None else _ARM_CLEARANCE
+        clearance, beyond = (_CLEARANCE, 0.0) if reach is None else (_ARM_CLEARANCE, _ARM_ERROR)
         # Fingertips feel the support: an arm that goes too far stops there.
-        self._tips_lower = {"grasp": clearance, "approach": clearance}
-        if reach is not None:
-            self._tips_lower["approach"] += _ARM_ERROR
+        self._tips_lower = {"grasp": clearance, "approach": clearance + beyond}
         self._checker = HandCollisionChecker(
             hand, mesh, support_height=support_height, clearance=clearance, obstacles=obstacles
         )

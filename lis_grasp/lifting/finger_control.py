@@ -88,8 +88,7 @@ class FingerControl:
         longest = float(np.linalg.norm(travel[1] - travel[0], axis=-1).max())
         self._closing_time = max(longest / _CLOSING_SPEED, 0.1)
         middle = 0.5 * (self._start + self._goal)
-        # (J,): of the posture half way off the straight line of postures
-        self._bulge = np.zeros_like(middle)
+        self._bulge = np.zeros_like(middle)  # of the path of postures half way, (J,)
         if setup.slides_on_table:
             batch = GraspBatch.of_grasps([grasp], hand)
             radii = np.array([pad.radius for pad in hand.pads])[:, None]

@@ -18,6 +18,7 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.kinematics import body_poses
 from lis_grasp.robots.link_bodies import primitive
 from lis_grasp.robots.pose_ik import ANGLE_TOLERANCE, POSITION_TOLERANCE, pose_error
+from lis_grasp.robots.schema import ArmEntry
 from lis_grasp.robots.shipped_models import model_path
 
 # Two joints, the second sliding, and a gripper of two fingers beyond the flange.
