@@ -99,7 +99,7 @@ def stop_when_graspable(
 ) -> StopRule:
     """Stop when a grasp on the estimate is predicted to hold with a probability, from 0 to 1.
 
-    `predict` plans a grasp and returns its `shape_probability`; it is called from 10 contacts on,
+    `predict` plans a grasp and returns its `closure_probability`; it is called from 10 contacts on,
     for every second contact. Two predictions in succession must reach the probability, because the
     uncertainty of an estimate from few contacts is often too small.
 

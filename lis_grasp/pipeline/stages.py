@@ -220,7 +220,7 @@ def _best_success(known: Known, surface: ImplicitSurface) -> float:
     load = replace(known.load_prior(mesh), friction_spread=0.0, mass_spread=0.0)
     best = replace(known, load=load, mass_by_volume=False, grasps=1, station=None)
     search = plan(best, mesh, candidates=_FEW_SETS)
-    return search.grasps[0].quality["shape_probability"] if search.grasps else 0.0
+    return search.grasps[0].quality["closure_probability"] if search.grasps else 0.0
 
 
 def make_policy(
