@@ -33,8 +33,7 @@ def lie_tables(rows: Sequence[Row]) -> list[Table]:
     families = {kind: where(main, lie=kind) for kind in LIES}
     by_family: list[Column] = [
         (family, _of_family(_percent("right"), family))
-        for family in FAMILIES
-        if where(rows, family=family)
+        for family in sorted({row["family"] for row in rows}, key=[*FAMILIES, "others"].index)
     ]
     groups = {"main": main, "few or noisy": hard_rows}
     kinds = {(kind, name): where(of, lie=kind) for kind in LIES for name, of in groups.items()}

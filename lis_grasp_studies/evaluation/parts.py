@@ -147,20 +147,23 @@ class LiesPart(SeedsPart):
     """Contacts that lie, on objects that nothing was chosen on."""
 
     measure: Literal["lies"]
+    others: list[str]
+    """Objects beside the evaluation shapes, a family of their own."""
     part: int = Field(ge=1)
     fits: bool
     experiment: ClassVar[Experiment] = EXPERIMENT
 
     def trials(self, seed: int, places: Places) -> Iterator[Any]:
         """Yield the trials of a seed; each object meets one draw of `part`."""
-        for i, (_, name) in enumerate(interleaved(EVALUATION)):
+        for i, (_, name) in enumerate(interleaved({**EVALUATION, "others": self.others})):
             for j, draw in enumerate(DRAWS):
                 if (i + j) % self.part == 0 and not (self.fits and draw in HARD):
                     yield LieTrial(name, *draw, seed, int(self.fits))
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return what is found, by family and by kind of lie."""
-        return lie_tables(rows)
+        others = {name: {"family": "others"} for name in self.others}
+        return lie_tables([row | others.get(row["shape"], {}) for row in rows])
 
 
 class ExplorationPart(SeedsPart):

@@ -219,7 +219,8 @@ parts:
     {measure: exploration, title: Explorations, objects: {simple: [box]}, touches: "4 6",
      variants: [spread], seeds: [1], seconds: 5}
   lies:
-    {measure: lies, title: Lies, part: 480, fits: false, variants: [clean], seeds: [1], seconds: 1}
+    {measure: lies, title: Lies, others: [], part: 480, fits: false, variants: [clean],
+     seeds: [1], seconds: 1}
   grasps:
     {measure: grasps, title: Grasps, objects: {scans: [nowhere.ply]}, hands: {wsg50: [0]},
      noise: none, budgets: "4", variants: [gpis, blend], seconds: 5}
