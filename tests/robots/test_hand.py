@@ -66,28 +66,6 @@ def test_forward_kinematics_agrees_with_drake(hand: Hand) -> None:
             np.testing.assert_allclose(X_OL, expected.GetAsMatrix4(), atol=1e-13)
 
 
-def test_pad_jacobian_agrees_with_drake(hand: Hand) -> None:
-    from pydrake.multibody.tree import JacobianWrtVariable
-
-    plant, rng = drake_plant(hand.name), np.random.default_rng(2)
-    X_OH, q = random_state(hand, rng)
-    context = drake_context(plant, hand, X_OH, q)
-    _, _, jacobian, _ = hand.pad_jacobians(X_OH, q)
-    world = plant.world_frame()
-    multipliers = np.zeros((plant.num_velocities(), len(q)))  # of the actuated joints in all speeds
-    for joint in hand.joints:
-        if joint.index >= 0:
-            multipliers[plant.GetJointByName(joint.name).velocity_start(), joint.index] = (
-                joint.multiplier
-            )
-    for f, pad in enumerate(hand.pads):
-        frame = plant.GetBodyByName(pad.link).body_frame()
-        expected = plant.CalcJacobianTranslationalVelocity(
-            context, JacobianWrtVariable.kV, frame, pad.center_L, world, world
-        )
-        np.testing.assert_allclose(jacobian[f, :, 6:], expected @ multipliers, atol=1e-13)
-
-
 def test_pad_jacobians_are_the_derivatives_of_pad_centers_and_axes(hand: Hand) -> None:
     X_OH, q = random_state(hand, np.random.default_rng(3))
     step = 1e-6  # central differences: error of order step^2 plus rounding over step, 1e-10
@@ -135,22 +113,6 @@ def test_a_batch_gives_what_its_members_give(hand: Hand) -> None:
                 (jacobian, lambda *state: hand.pad_jacobians(*state)[2]),
             ):
                 np.testing.assert_allclose(batch[i, j], one(states[i][0], q[j]), atol=1e-14)
-
-
-def test_kinematics_are_equivariant_under_rigid_motion(hand: Hand) -> None:
-    rng = np.random.default_rng(5)
-    X_OH, q = random_state(hand, rng)
-    X_AO, _ = random_state(hand, rng)
-    centers = hand.pad_centers(X_OH, q)
-    np.testing.assert_allclose(
-        hand.pad_centers(X_AO @ X_OH, q), centers @ X_AO[:3, :3].T + X_AO[:3, 3], atol=1e-13
-    )
-
-
-def test_the_pose_of_a_hand_is_that_of_its_palm_frame(hand: Hand) -> None:
-    X_OH, q = random_state(hand, np.random.default_rng(6))
-    X_OL = hand.forward_kinematics(X_OH, q)[hand.base_link]
-    np.testing.assert_allclose(X_OL @ hand.X_LH, X_OH, atol=1e-14)
 
 
 def test_allegro_has_the_published_dimensions() -> None:
@@ -242,11 +204,6 @@ def test_collision_bodies_are_closed_and_as_large_as_their_dimensions(hand: Hand
         assert body.mesh.volume == pytest.approx(volume, rel=0.03)
 
 
-def test_the_representation_of_a_hand_is_one_short_line(hand: Hand) -> None:
-    assert hand.name in repr(hand)
-    assert len(repr(hand)) < 100
-
-
 def test_arrays_are_read_only(hand: Hand) -> None:
     arrays = [hand.lower, hand.X_LH, hand.approach_H, *hand.pregrasps.values()]
     assert not any(array.flags.writeable for array in arrays)
@@ -334,8 +291,8 @@ URDF_MISTAKES = {
     "joint type": ('type="prismatic"', 'type="planar"', "is of type 'planar'"),
     "mass": ("<mass value=", "<mass was=", "a mass above 0"),
     "two roots": ('<parent link="body"/>', '<parent link="left_tip"/>', "one tree|loop|parent"),
-    "axis": ('<axis xyz="1 0 0"/>', '<axis xyz="0 0 0"/>', "three numbers"),
-    "flat axis": ('<axis xyz="1 0 0"/>', '<axis xyz="1 0"/>', "three numbers"),
+    "axis": ('<axis xyz="1 0 0"/>', '<axis xyz="0 0 0"/>', "not all 0"),
+    "flat axis": ('<axis xyz="1 0 0"/>', '<axis xyz="1 0"/>', "three numbers in xyz"),
     "missing mesh": (
         '<box size="0.146 0.0495 0.0725"/>',
         '<mesh filename="package://hand/body.stl"/>',
