@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import trimesh
+from analytic_surfaces import Analytic, cube_bounds, union
+from analytic_surfaces import box as box_of
 from stations import station_with
 
 from lis_grasp.arms.collision import StationChecker
@@ -96,16 +98,15 @@ def test_grasps_within_reach_are_fewer_and_counted(station: Station, box: trimes
 _DEVIATION = 0.003  # [m]
 
 
-class _Roof:
-    """A post under a roof that juts out above its side at +y; signed distances, at most."""
-
-    def evaluate(self, points: FloatArray) -> FloatArray:
-        post = np.abs(points - [0.0, 0.0, 0.06]) - [0.03, 0.04, 0.06]
-        roof = np.abs(points - [0.0, 0.06, 0.08]) - [0.05, 0.06, 0.04]
-        return np.minimum(post.max(axis=-1), roof.max(axis=-1))
-
-    def uncertainty(self, points: FloatArray) -> FloatArray:
-        return np.full(points.shape[:-1], _DEVIATION)
+# A post under a roof that juts out above its side at +y.
+_ROOF = Analytic(
+    union(
+        box_of([0.03, 0.04, 0.06], center=[0.0, 0.0, 0.06]),
+        box_of([0.05, 0.06, 0.04], center=[0.0, 0.06, 0.08]),
+    ),
+    cube_bounds(0.2),
+    doubt=lambda p: np.full(p.shape[:-1], _DEVIATION),
+)
 
 
 def _under_roof(contacts: int) -> ObstacleModel:
@@ -114,7 +115,7 @@ def _under_roof(contacts: int) -> ObstacleModel:
     points = np.column_stack([points, np.full(contacts, 0.12)])
     known = Contacts(points=points, normals=np.tile([0.0, 0.0, 1.0], (contacts, 1)))
     space = Workspace(0.03, np.array([0.0, 0.03, 0.06]), 0.2, 0.0)
-    return ObstacleModel(space, known, _Roof())
+    return ObstacleModel(space, known, _ROOF)
 
 
 def test_places_are_near_within_two_deviations() -> None:
@@ -138,7 +139,7 @@ def test_a_probe_is_blocked_if_inner_links_would_pass_through_the_estimate(
     probe = Probe([0.0, 0.04, 0.02], [0.0, -1.0, 0.0], standoff=0.05, overshoot=0.02)
     # Four contacts are no estimate to go by: the hand would pass through the roof.
     approach = planner.plan(probe, _under_roof(4))
-    assert (_Roof().evaluate(_passed(station, approach, probe)) < 0.0).any()
+    assert (_ROOF.evaluate(_passed(station, approach, probe)) < 0.0).any()
     assert planner.plan(probe, _under_roof(6)) is None
 
 

@@ -61,7 +61,6 @@ class RailedHand:
         self.sensor = TouchSensor(plant, self.hand, feels=[self.body], **options)
         builder.AddSystem(self.sensor)
         course = GuardedMotion(self.hand.hand, mesh).run(PROBE)
-        assert not isinstance(course, str)
         leg, q = course.last, course.joint_positions
         start = max(leg.length - before, 0.0)
         line = PiecewisePolynomial.FirstOrderHold(

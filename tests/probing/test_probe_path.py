@@ -78,7 +78,6 @@ def test_an_arm_keeps_the_hand_off_the_table() -> None:
     hand = STATION.hand
     probe = Probe(np.array([0.06, 0.0, 0.0]), np.array([0.0, 0.0, -1.0]), 0.03, 0.02)
     course = GuardedMotion(hand, BOX, STATION).run(probe, SPACE)
-    assert isinstance(course, Course)
     assert course.at_table
     links = hand.forward_kinematics(course.X_OH_end, course.joint_positions)
     lowest = min(

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import trimesh
-from analytic_surfaces import differences
+from analytic_surfaces import Analytic, cube_bounds, differences, sphere, union
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -28,7 +28,7 @@ from lis_grasp.pipeline.stages import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp.surfaces import ESTIMATORS, CarvedImplicitSurface, ImplicitSurface, carved
+from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface, carved
 from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space
 from lis_grasp.typing import FloatArray
 
@@ -36,29 +36,12 @@ RADIUS = 0.04
 LOBE, LOBE_RADIUS = np.array([0.05, 0.0, 0.0]), 0.02
 
 
-class BallWithLobe:
-    """A ball, and a second ball on its side that is not there in truth; exact distances outside."""
-
-    bounds = np.array([[-0.08, -0.08, -0.08], [0.08, 0.08, 0.08]])
-
-    def evaluate(self, points: npt.ArrayLike) -> FloatArray:
-        ball, lobe = self._parts(np.asarray(points, dtype=float))
-        return np.minimum(ball, lobe)
-
-    def gradient(self, points: npt.ArrayLike) -> FloatArray:
-        x = np.asarray(points, dtype=float)
-        ball, lobe = self._parts(x)
-        away = np.where((ball < lobe)[..., None], x, x - LOBE)
-        return away / np.linalg.norm(away, axis=-1, keepdims=True)
-
-    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
-        return np.full(np.asarray(points).shape[:-1], 1e-3)
-
-    def _parts(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return (
-            np.linalg.norm(x, axis=-1) - RADIUS,
-            np.linalg.norm(x - LOBE, axis=-1) - LOBE_RADIUS,
-        )
+# A ball, and a second ball on its side that is not there in truth; exact distances outside.
+WITH_LOBE = Analytic(
+    union(sphere(RADIUS), sphere(LOBE_RADIUS, LOBE)),
+    cube_bounds(0.08),
+    doubt=lambda p: np.full(p.shape[:-1], 1e-3),
+)
 
 
 def on_ball(directions: FloatArray, **free: npt.ArrayLike) -> Contacts:
@@ -87,27 +70,26 @@ def lobe_of(surface: ImplicitSurface) -> FloatArray:
 
 
 def test_a_lobe_in_free_space_is_carved_off() -> None:
-    with_lobe, contacts = BallWithLobe(), free_beside_the_ball(3000)
-    left = lobe_of(carved(with_lobe, contacts))
-    assert len(lobe_of(with_lobe)) > 100
-    assert len(left) < 0.1 * len(lobe_of(with_lobe))
+    left = lobe_of(carved(WITH_LOBE, free_beside_the_ball(3000)))
+    assert len(lobe_of(WITH_LOBE)) > 100
+    assert len(left) < 0.1 * len(lobe_of(WITH_LOBE))
 
 
 def test_the_value_is_the_larger_of_the_estimate_and_the_depth_in_a_ball() -> None:
     center, radius = np.array([0.06, 0.0, 0.0]), 0.015
     contacts = on_ball(some_directions(3), free_points=center[None], free_radii=[radius])
-    surface = carved(BallWithLobe(), contacts, growth=0.0)
+    surface = carved(WITH_LOBE, contacts, growth=0.0)
     points = np.random.default_rng(0).uniform(-0.08, 0.08, size=(5, 100, 3))
     depths = radius - np.linalg.norm(points - center, axis=-1)
-    expected = np.maximum(BallWithLobe().evaluate(points), depths)
+    expected = np.maximum(WITH_LOBE.evaluate(points), depths)
     np.testing.assert_allclose(surface.evaluate(points), expected, atol=1e-15)
 
 
 def test_outside_stays_outside_and_beside_the_balls_nothing_changes() -> None:
     contacts = free_beside_the_ball()
-    surface = carved(BallWithLobe(), contacts, growth=0.0)
+    surface = carved(WITH_LOBE, contacts, growth=0.0)
     points = np.random.default_rng(2).uniform(-0.08, 0.08, size=(4000, 3))
-    before, after = BallWithLobe().evaluate(points), surface.evaluate(points)
+    before, after = WITH_LOBE.evaluate(points), surface.evaluate(points)
     assert np.all(after >= before)
     apart = np.linalg.norm(points[:, None] - contacts.free_points, axis=-1) - contacts.free_radii
     beside = apart.min(axis=1) > 0.0
@@ -115,7 +97,7 @@ def test_outside_stays_outside_and_beside_the_balls_nothing_changes() -> None:
 
 
 def test_the_depth_of_surface_points_in_free_space_is_what_carving_adds() -> None:
-    contacts, estimate = free_beside_the_ball(), BallWithLobe()
+    contacts, estimate = free_beside_the_ball(), WITH_LOBE
     directions = some_directions(2000, seed=3)
     points = np.vstack([RADIUS * directions, LOBE + LOBE_RADIUS * directions])
     points = points[np.abs(estimate.evaluate(points)) < 1e-12]  # none inside the other ball
@@ -127,13 +109,12 @@ def test_the_depth_of_surface_points_in_free_space_is_what_carving_adds() -> Non
 
 def test_without_free_space_no_point_is_in_it() -> None:
     points, contacts = RADIUS * some_directions(5), on_ball(some_directions(3))
-    assert (depths_in_free_space(points, BallWithLobe(), contacts) == -np.inf).all()
-    assert depths_in_free_space(np.empty((0, 3)), BallWithLobe(), contacts).shape == (0,)
+    assert (depths_in_free_space(points, WITH_LOBE, contacts) == -np.inf).all()
+    assert depths_in_free_space(np.empty((0, 3)), WITH_LOBE, contacts).shape == (0,)
 
 
 def test_the_gradient_is_that_of_the_value() -> None:
-    surface = carved(BallWithLobe(), free_beside_the_ball(), growth=0.0)
-    assert isinstance(surface, CarvedImplicitSurface)
+    surface = carved(WITH_LOBE, free_beside_the_ball(), growth=0.0)
     points = np.random.default_rng(3).uniform(-0.07, 0.07, size=(2000, 3))
     numeric = differences(surface, points, 1e-6)
     # Values are distances: where the difference is not of length 1 there is a crease between.
@@ -143,7 +124,7 @@ def test_the_gradient_is_that_of_the_value() -> None:
 
 
 def test_the_carved_surface_closes_and_faces_outward() -> None:
-    mesh = extract_mesh(carved(BallWithLobe(), free_beside_the_ball()))
+    mesh = extract_mesh(carved(WITH_LOBE, free_beside_the_ball()))
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(4.0 / 3.0 * np.pi * RADIUS**3, rel=0.1)
 
@@ -151,7 +132,7 @@ def test_the_carved_surface_closes_and_faces_outward() -> None:
 def test_uncertainty_grows_with_the_depth_that_was_carved() -> None:
     center = np.array([0.06, 0.0, 0.0])
     contacts = on_ball(some_directions(3), free_points=center[None], free_radii=[0.015])
-    surface = carved(BallWithLobe(), contacts, growth=0.0)
+    surface = carved(WITH_LOBE, contacts, growth=0.0)
     at = np.array([[0.046, 0.0, 0.0], [0.0, RADIUS, 0.0]])  # 16 mm deep in the lobe; on the ball
     np.testing.assert_allclose(surface.uncertainty(at), [np.hypot(1e-3, 0.016), 1e-3])
 
@@ -186,18 +167,16 @@ def test_contacts_are_never_carved_off(seed: int, estimator: str) -> None:
     ],
 )
 def test_an_estimate_without_contradiction_is_returned_as_it_is(free: dict) -> None:
-    surface = BallWithLobe()
-    assert carved(surface, on_ball(some_directions(9), **free)) is surface
+    assert carved(WITH_LOBE, on_ball(some_directions(9), **free)) is WITH_LOBE
 
 
 def test_a_margin_shrinks_the_balls() -> None:
     contacts = on_ball(some_directions(3), free_points=[[0.06, 0.0, 0.0]], free_radii=[0.015])
-    surface = carved(BallWithLobe(), contacts, margin=0.002, growth=0.0)
-    assert isinstance(surface, CarvedImplicitSurface)
+    surface = carved(WITH_LOBE, contacts, margin=0.002, growth=0.0)
     np.testing.assert_allclose(surface.radii, 0.013)
     for option in ("margin", "growth"):
         with pytest.raises(InvalidOptionError) as error:
-            carved(BallWithLobe(), contacts, **{option: -0.001})
+            carved(WITH_LOBE, contacts, **{option: -0.001})
         assert error.value.option == option
 
 
@@ -217,8 +196,7 @@ def test_a_ball_deep_inside_grows_at_most_halfway_to_a_contact(
 ) -> None:
     pole = np.array([[1.0, 0.0, 0.0]])
     contacts = on_ball(pole, free_points=[center], free_radii=[0.005])
-    surface = carved(BallWithLobe(), contacts)
-    assert isinstance(surface, CarvedImplicitSurface)
+    surface = carved(WITH_LOBE, contacts)
     np.testing.assert_allclose(surface.radii, [grown], atol=1e-12)
 
 
