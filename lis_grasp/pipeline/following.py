@@ -61,8 +61,8 @@ class Watched:
     True
     """
 
-    def __init__(self, folder: Path | str, *, port: int = 0) -> None:
-        command = [sys.executable, "-c", _SERVE, str(folder), str(port)]
+    def __init__(self, folder: Path | str) -> None:
+        command = [sys.executable, "-c", _SERVE, str(folder)]
         pipe = subprocess.PIPE
         self._server = subprocess.Popen(command, stdin=pipe, stderr=pipe, text=True)
         assert self._server.stderr is not None
@@ -104,6 +104,6 @@ def _serve() -> None:
 
     threading.Thread(target=end, daemon=True).start()
     try:
-        follow(Path(sys.argv[1]), port=int(sys.argv[2]))
+        follow(Path(sys.argv[1]))
     except LisGraspError as error:
         sys.exit(str(error))

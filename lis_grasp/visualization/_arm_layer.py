@@ -142,13 +142,12 @@ def link_looks(hand: RobotModel, link: str) -> list[trimesh.Trimesh]:
     return [mesh if len(mesh.faces) <= _MOST_FACES else coarser(mesh) for mesh in drawn]
 
 
-def coarser(mesh: trimesh.Trimesh, cells: int = _CELLS) -> trimesh.Trimesh:
+def coarser(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     """Return a mesh with the vertices of each cell of a grid joined at their mean.
 
-    Vertex clustering (Rossignac and Borrel, 1993); `cells` is the number of cells along the largest
-    extent.
+    Vertex clustering (Rossignac and Borrel, 1993).
     """
-    cell = float(mesh.extents.max()) / cells or 1.0
+    cell = float(mesh.extents.max()) / _CELLS or 1.0
     keys = np.floor((mesh.vertices - mesh.bounds[0]) / cell).astype(np.int64)
     _, cluster, counts = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
     cluster = cluster.ravel()

@@ -84,9 +84,9 @@ class ColourScale:
         x = (np.asarray(values, dtype=np.float64) - self.low) / (self.high - self.low)
         return viridis(np.nan_to_num(x, nan=1.0, posinf=1.0, neginf=0.0))
 
-    def tick_labels(self, count: int = 5) -> Sequence[str]:
-        """Return `count` evenly spaced labels in millimetres, the last one with its unit."""
-        labels = [f"{v:.3g}" for v in np.linspace(self.low, self.high, count) * 1e3]
+    def tick_labels(self) -> Sequence[str]:
+        """Return five evenly spaced labels in millimetres, the last one with its unit."""
+        labels = [f"{v:.3g}" for v in np.linspace(self.low, self.high, 5) * 1e3]
         labels[-1] = ("≥ " if self.clipped else "") + labels[-1] + " mm"
         return labels
 

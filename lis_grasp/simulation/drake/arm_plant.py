@@ -107,12 +107,7 @@ class ArmInPlant:
 
 
 def add_arm(
-    plant: MultibodyPlant,
-    station: Station,
-    hand: HandInPlant,
-    q_hand: FloatArray,
-    *,
-    name: str = "arm",
+    plant: MultibodyPlant, station: Station, hand: HandInPlant, q_hand: FloatArray
 ) -> ArmInPlant:
     """Add an arm as a model instance at its base, and weld the hand's base link to its flange.
 
@@ -122,7 +117,7 @@ def add_arm(
     finalized yet.
     """
     arm, dynamics = station.arm, ArmDynamics(station, q_hand)
-    links = _add_arm_links(plant, arm, station.X_WA, name)
+    links = _add_arm_links(plant, arm, station.X_WA)
     damping = 2.0 * np.sqrt(arm.stiffness * dynamics.inertias(arm.home))
     for j, joint in enumerate(links.joints):
         gains = PdControllerGains(p=arm.stiffness[j], d=damping[j])
@@ -172,12 +167,12 @@ def hand_inertia(hand: Hand, q: FloatArray) -> SpatialInertia:
     return total
 
 
-def _add_arm_links(plant: MultibodyPlant, arm: Arm, X_WA: FloatArray, name: str) -> LinksInPlant:
+def _add_arm_links(plant: MultibodyPlant, arm: Arm, X_WA: FloatArray) -> LinksInPlant:
     """Add an arm's links, joints and motors, with its base link at X_WA (4, 4) in the world.
 
     Joints have the arm's damping, motors its effort limits and the inertia of their rotors.
     """
-    links = add_links(plant, arm, plant.AddModelInstance(name))
+    links = add_links(plant, arm, plant.AddModelInstance("arm"))
     base = links.bodies[arm.base_link]
     plant.WeldFrames(plant.world_frame(), base.body_frame(), RigidTransform(X_WA))
     for j, joint in enumerate(links.joints):

@@ -103,7 +103,7 @@ class DynamicProber:
         self._ways: TransitScene | None = None
         if station is not None:
             self._ways = TransitScene(station, mesh, arm_use or ArmUse())
-        self._X_WE = np.eye(4)  # the plant is in W, where the arm's base stays
+        self._X_WE = np.eye(4)  # the plant is in W, where the arm's base stays; without one, in E
         self._hand = hand
         self._free = free
         self._hull = np.asarray(mesh.convex_hull.vertices)
@@ -156,7 +156,7 @@ class DynamicProber:
             touch: float | None = None
             if course.touched is not None:
                 touch = way.duration if path is path_out else 0.0
-            self._ways.run(way, posture, self._in_world(self._X_EO), touch=touch)
+            self._ways.run(way, posture, self._X_WE @ self._X_EO, touch=touch)
 
     def _end_of(self, course: Course, missed: ProbeOutcome) -> ProbeOutcome:
         """Return the outcome of a course with a contact at its end."""
@@ -179,11 +179,9 @@ class DynamicProber:
         scene, q, leg = self._scene, course.joint_positions, course.last
         palm_to_base = self._hand.forward_kinematics(np.eye(4), q)
         X_EB = leg.X_OH @ palm_to_base[self._hand.base_link]
-        X_WB, X_WO = self._in_world(X_EB), self._in_world(self._X_EO)
-        direction = leg.direction
-        if self._station is not None:
-            direction = rotate(self._X_WE, direction)
-        scene.place(q, X_WB, direction, X_WO, None if leg.q_arm is None else leg.q_arm[0])
+        X_WB, X_WO = self._X_WE @ X_EB, self._X_WE @ self._X_EO
+        q_arm = None if leg.q_arm is None else leg.q_arm[0]
+        scene.place(q, X_WB, rotate(self._X_WE, leg.direction), X_WO, q_arm)
         speed = self._speed if self._station is None else leg.speed
         before = _BEFORE if self._station is None else _BEFORE_WITH_ARM
         start = max(leg.length - before, 0.0)
@@ -199,24 +197,17 @@ class DynamicProber:
                 contacts = scene.touch()
             if len(contacts):
                 break
-        hand_pose = HandPose(self._from_world(scene.X_WH) + 0.0, scene.joint_positions)
-        if self._station is not None:
-            contacts = contacts.in_frame(self._X_WE)
+        X_EW = inverse_pose(self._X_WE)
+        hand_pose = HandPose(X_EW @ scene.X_WH + 0.0, scene.joint_positions)
+        contacts = contacts.in_frame(self._X_WE)
         if self._free is not None or self._station is not None:
             late = n + (1 if self._station is not None else round(_LATENCY / scene.time_step))
             for m in range(n + 1, late + 1):
                 scene.step(start + m * step, speed)
             scene.retreat(start + late * step, PROBE_SPEED)
         if self._free is not None:
-            self._X_EO = read_only(self._from_world(scene.X_WO))
+            self._X_EO = read_only(X_EW @ scene.X_WO)
         return contacts, hand_pose
-
-    def _in_world(self, X_E: FloatArray) -> FloatArray:
-        """Return a pose (4, 4) in the plant's world; without an arm, that is E."""
-        return X_E if self._station is None else self._X_WE @ X_E
-
-    def _from_world(self, X_W: FloatArray) -> FloatArray:
-        return X_W if self._station is None else inverse_pose(self._X_WE) @ X_W
 
     def _displacement(self, X_EO: FloatArray) -> float:
         """Return the largest displacement of a point of the object from an earlier pose [m]."""
