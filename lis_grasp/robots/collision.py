@@ -116,14 +116,6 @@ class HandCollisionChecker:
             hits.append(any(self._hits_obstacle(X, poses) for X in path))
         return np.array(hits, dtype=bool)
 
-    def touch_object(self, X_OH: FloatArray, q: FloatArray) -> BoolArray:
-        """Return which of N postures, (N, 4, 4) and (N, J), touch the object or are inside it."""
-        each = zip(X_OH, self.poses_in_hand(q), strict=True)
-        touching = [
-            self._touches_object(X, self._pose(poses), pads_may_touch=False) for X, poses in each
-        ]
-        return np.array(touching, dtype=bool)
-
     def clearances(self, X_OH: FloatArray, q: FloatArray) -> FloatArray:
         """Return how far links other than fingertips are off the object's surface [m], or 0.
 
@@ -168,11 +160,10 @@ class HandCollisionChecker:
         link = self._hand.link_geometries[body].link
         return NearestLink(link, float(result.min_distance), point, face)
 
-    def _pose(self, poses: FloatArray) -> FloatArray:
+    def _pose(self, poses: FloatArray) -> None:
         for body, X_OG in zip(self._bodies, poses, strict=True):
             body.setTransform(fcl.Transform(X_OG[:3, :3], X_OG[:3, 3]))
         self._manager.update()
-        return poses
 
     def lowest(self, poses: FloatArray, *, tips_lower: float = 0.0) -> FloatArray:
         """Return the height of the hand's lowest point [m], bodies at poses X_OG (..., G, 4, 4).

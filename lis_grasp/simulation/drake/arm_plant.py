@@ -44,7 +44,7 @@ class ArmDynamics:
 
     def __init__(self, station: Station, q_hand: FloatArray) -> None:
         plant, hand, arm = MultibodyPlant(0.0), station.hand, station.arm
-        links = _add_arm_links(plant, arm, station.X_WA, "arm")
+        links = _add_arm_links(plant, arm, station.X_WA)
         instance = plant.AddModelInstance("hand")
         body = plant.AddRigidBody("hand", instance, hand_inertia(hand, q_hand))
         X_LB = RigidTransform(arm.X_LF @ station.mount.X_FB)
