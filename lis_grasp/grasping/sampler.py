@@ -165,7 +165,7 @@ class ForceClosureSampler:
             search.draw_enough(2 * self.candidates, count)
         for search.limits in (NARROW, AT_RIMS):
             if not len(search):
-                search.draw_enough(search.drawn + self.candidates // 2, count)
+                search.draw_enough(search.drawn + self.candidates // 4, count)
         search.refine(count)
         return search.result()
 
