@@ -148,8 +148,10 @@ class FingerControl:
                 self._posture[joints] = self._start[joints] + part * motion
                 self._posture[joints] += 4.0 * part * (1.0 - part) * self._bulge[joints]
                 moving = True
-            elif self._searched.get(finger, limit) < limit and finger not in blocked:
-                self._search(finger, SEARCH_SPEED * interval)
+            elif self._searched.get(finger, limit) < limit:
+                if finger not in blocked:
+                    self._search(finger, SEARCH_SPEED * interval)
+                self._searched[finger] += SEARCH_SPEED * interval
                 moving = True
         self._scene.command_fingers(self._posture, np.zeros(len(q)))
         return not moving
@@ -226,7 +228,6 @@ class FingerControl:
         q = self._posture[joints]
         room = self._hand.lower[joints] - q - _ROOM, self._hand.upper[joints] - q + _ROOM
         self._posture[joints] = q + lsq_linear(matrix, wanted, bounds=room).x
-        self._searched[finger] += distance
 
     def _plan_forces(self) -> None:
         fingers = self.touching
