@@ -92,7 +92,7 @@ def draw(path: Path) -> None:
     true = contact_set("mallet", ContactCase("even", 60), 3).exact
     normals = true.normals.copy()
     normals[[8, 31]] *= -1.0
-    points = np.vstack([true.points, true.points.mean(axis=0) + [0.02, -0.05, 0.1]])
+    points = np.vstack([true.points, true.points.mean(axis=0) + [0.03, -0.06, 0.14]])
     told = Contacts(points, np.vstack([normals, [0.0, 0.0, 1.0]]))
     bad = judge_contacts(told).bad
     figure, axes = plt.subplots(1, 2, figsize=(7.16, 2.6), layout="constrained")
