@@ -155,8 +155,8 @@ class Hand(RobotModel):
         for pad in self.pads:
             for joint in joints_to(self.joints, pad.link):
                 owners.setdefault(joint.child, set()).add(pad.finger)
-            if pad.link == self.base_link:  # of a fixed jaw
-                owners.setdefault(pad.link, set()).add(pad.finger)
+        fixed = [pad for pad in self.pads if pad.finger in self.fixed_fingers]
+        owners |= {pad.link: {pad.finger} for pad in fixed}  # though it carries the other jaw
         # Side branches of a finger's links belong to the finger, too.
         for joint in self.joints:
             if joint.child not in owners and joint.parent in owners:

@@ -144,9 +144,8 @@ def _opposition(hand: Hand) -> Iterator[Finding]:
         )
         return
     low, high = 1e3 * np.array(opening_range(hand))
-    yield Finding(
-        True, f"pads face each other {low:.0f} to {high:.0f} mm apart: so wide is a grasp"
-    )
+    widths = f"{low:.0f} to {high:.0f} mm"
+    yield Finding(True, f"pads face each other {widths} apart: objects of such widths are held")
 
 
 def opening_range(hand: Hand) -> tuple[float, float]:

@@ -69,6 +69,25 @@ def test_the_pads_are_the_inner_faces_and_the_approach_ends_on_the_fixed_one(
     assert hand.link_fingers == {"base": "base", "jaw": "jaw"}
 
 
+def test_a_fixed_jaw_off_the_base_is_a_finger_too_and_opposite_where_faces_are_parallel(
+    tmp_path: Path,
+) -> None:
+    path = one_jaw(tmp_path)
+    mount = (
+        f'<link name="mount">{MASS.format(0.3, 2e-4)}</link><joint name="fix" type="fixed">'
+        '<parent link="mount"/><child link="base"/></joint></robot>'
+    )
+    # The jaw's joint is 3 mm higher: its pad is the opposite one only where it is shifted to be.
+    text = path.read_text().replace("0.031 0 0.04", "0.031 0 0.043")
+    path.write_text(text.replace("</robot>", mount))
+    hand = drafted(path)
+    assert hand.base_link == "mount"
+    assert hand.link_fingers == {"base": "base", "jaw": "jaw"}
+    moving, fixed = hand.pad_centers(np.eye(4), np.array([0.2]))
+    between = (moving - fixed) / np.linalg.norm(moving - fixed)
+    assert between @ hand.pad_axes(np.eye(4), np.array([0.2]))[1] > 0.9995
+
+
 def test_the_hand_holds_widths_at_which_its_jaws_are_about_parallel(tmp_path: Path) -> None:
     hand = drafted(one_jaw(tmp_path))
     turned = sum(pad.half_angle for pad in hand.pads)  # of the jaw, whose face is parallel at 0.2

@@ -43,11 +43,13 @@ def fit_flat_pads(model: RobotModel, fingers: Sequence[Finger]) -> tuple[Pad, ..
     gripper = _Gripper(model, fingers)
     poses, towards, outwards = gripper.towards()
     pads = [flat_pad(*each) for each in zip(fingers, towards, outwards, strict=True)]
-    pads = _opposed(pads, poses)
     if any(not finger.motors for finger in fingers):  # the wrist lays the fixed jaw flat
+        poses = gripper.poses(gripper.path[np.argmin(gripper.angles(pads))])
         angles = [_TURNING_HALF_ANGLE if finger.motors else _FIXED_HALF_ANGLE for finger in fingers]
     else:
-        angles = [_TURNING_HALF_ANGLE if gripper.turns(pads) else _HALF_ANGLE] * 2
+        turns = np.ptp(gripper.angles(pads)) > _FLAT
+        angles = [_TURNING_HALF_ANGLE if turns else _HALF_ANGLE] * 2
+    pads = _opposed(pads, poses)
     return tuple(replace(p, half_angle=angle) for p, angle in zip(pads, angles, strict=True))
 
 
@@ -142,12 +144,16 @@ class _Gripper:
             total += np.sign(change @ gap) * unit(change, least=1e-12)
         return unit(total, least=1e-12)
 
-    def turns(self, pads: Sequence[Pad]) -> bool:
-        """Return whether two flat faces turn towards each other while the gripper closes."""
-        poses = self.poses(np.linspace(self._model.lower, self._model.upper, 9))
+    @property
+    def path(self) -> FloatArray:
+        """Joint positions (S, J) from one end of all ranges to the other."""
+        return np.linspace(self._model.lower, self._model.upper, 2 * _STEPS - 1)
+
+    def angles(self, pads: Sequence[Pad]) -> FloatArray:
+        """Return the angle between two flat faces [rad] along the path, (S,)."""
+        poses = self.poses(self.path)
         first, second = (rotate(poses[pad.link], pad.axis_L) for pad in pads)
-        angles = angle_between(-first, second)
-        return bool(np.ptp(angles) > _FLAT)
+        return angle_between(-first, second)
 
     def _gap(self, q: FloatArray) -> float:
         line = self.gap_vector(q)
