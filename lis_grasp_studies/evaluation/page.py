@@ -127,4 +127,4 @@ def _counts(rows: Sequence[Row]) -> str:
         if column in rows[0]
     ]
     hours = sum({(row["job_seconds"]) for row in rows}) / 3600.0
-    return f"{len(rows)} rows: {', '.join(counts)}; {hours:.2f} hours of one core."
+    return f"{len(rows)} rows: {', '.join(counts)}; {hours:.2f} hours of jobs."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Literal
@@ -63,22 +64,37 @@ class PaperPart(SeedsPart):
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return the losses to GPIS, mean errors and the claims of the paper."""
-        titles: dict[str, str] = {name: TITLES[name] for name in self.experiments}
-        claims = [claims_table(rows)] if {"whole", "wedge"} <= set(self.experiments) else []
+        rows, there = self._whole(rows)
+        titles: dict[str, str] = {name: TITLES[name] for name in there}
+        claims = [claims_table(rows)] if {"whole", "wedge"} <= set(there) else []
         return [changes_table(rows, SUBJECT, titles), errors_table(rows), *claims]
 
     def pictures(self, rows: Sequence[Row]) -> list[Picture]:
         """Return the chart of errors at edges."""
+        if "whole" not in self._whole(rows)[1]:
+            return []
         caption = "From true edges to the estimate, fully explored objects of 20 cm."
         table = experiment_table(rows, "whole", "edge_rmsd")
         return [Picture.of("Edges", caption, object_bars(table, "True edges to estimate"))]
 
     def answers(self, rows: Sequence[Row]) -> list[Answer]:
         """Return the errors at edges [mm]."""
+        if "whole" not in self._whole(rows)[1]:
+            return []
         table = experiment_table(rows, "whole", "edge_rmsd")
         found = {name: 1e3 * table.overall(name) for name in table.estimators}
         text = ", ".join(f"{value:.1f} mm ({estimator_label(n)})" for n, value in found.items())
         return [Answer("How far are sharp edges from the estimate?", text, found)]
+
+    def _whole(self, rows: Sequence[Row]) -> tuple[list[Row], list[PaperExperiment]]:
+        """Return the experiments with a whole seed, whose tables name each object, and their rows.
+
+        A stop in the first round leaves one that has not.
+        """
+        first = Counter(row["experiment"] for row in rows if row["seed"] == self.seeds[0])
+        wanted = Counter(trial.experiment for trial in paper_trials(self.experiments, 1))
+        there = [n for n in self.experiments if first[n] == len(self.variants) * wanted[n]]
+        return [row for row in rows if row["experiment"] in there], there
 
 
 def errors_table(rows: Sequence[Row]) -> Table:

@@ -253,6 +253,12 @@ def test_one_command_measures_stores_and_reports(tmp_path: Path) -> None:
     assert f"{edges['blend']:.1f} mm (blend)" in page
     assert "of 16 of 17 trials" in page
     assert "data:image/png;base64," in (output / "report.html").read_text()
+    # A stop after any trial leaves a part that can be reported.
+    known = Configuration.load(file)
+    for name, part in known.parts.items():
+        ordered = known.ordered(rows)[name]
+        for count in range(1, len(ordered), 3):
+            part.tables(ordered[:count]), part.answers(ordered[:count])
     # The Parquet files alone give the same page.
     (output / "rows.jsonl").unlink()
     call(str(file), "--report-only", "--output", str(output))
