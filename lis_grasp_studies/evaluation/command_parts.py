@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar, Literal
 
-import numpy as np
-
 from lis_grasp.io.json_lines import Row
 from lis_grasp_studies.evaluation.commands import (
     BESIDE,
@@ -23,14 +21,12 @@ from lis_grasp_studies.evaluation.part import Places, SeedsPart
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.statistics import rate_with_interval
 from lis_grasp_studies.harness.tables import (
-    NONE,
     Column,
     Table,
     grouped_table,
     mean_cell,
     median_cell,
     split,
-    values_of,
     where,
 )
 
@@ -153,28 +149,12 @@ class FitsPart(SeedsPart):
             yield FitTrial(count, seed)
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """Return the costs, and the exponent of time against the number of contacts."""
+        """Return the costs by the number of contacts."""
         columns: list[Column] = [
             ("fit [ms]", median_cell("fit", 1e3)),
             ("field [us/point]", median_cell("field", 1e6, 2)),
             ("mesh [s]", median_cell("mesh", digits=2)),
             ("memory [MB]", median_cell("memory", 2**-20)),
         ]
-        groups: dict[Any, list[Row]] = split(rows, "estimator", "contacts")
-        grown: list[Column] = [(f"{c} ~ N^k, k", _exponent(c)) for c in ("fit", "field", "memory")]
-        first = "estimator | contacts"
-        return [
-            grouped_table("fits", "Fit, field at a point, mesh, memory", first, groups, columns),
-            grouped_table("growth", "Growth", "estimator", split(rows, "estimator"), grown),
-        ]
-
-
-def _exponent(column: str) -> Any:
-    def cell(rows: Sequence[Row]) -> str:
-        known = [row for row in rows if row.get(column)]
-        if len({row["contacts"] for row in known}) < 3:
-            return NONE
-        contacts, values = (np.log(values_of(known, name)) for name in ("contacts", column))
-        return f"{np.polyfit(contacts, values, 1)[0]:.2f}"
-
-    return cell
+        title, groups = "Fit, field at a point, mesh, memory", split(rows, "estimator", "contacts")
+        return [grouped_table("fits", title, "estimator | contacts", groups, columns)]
