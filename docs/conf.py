@@ -28,7 +28,7 @@ shutil.copytree(
     ignore=shutil.ignore_patterns(".ipynb_checkpoints"),
 )
 
-WORDS = 47_000
+WORDS = 46_800
 logger = logging.getLogger(__name__)
 
 project = "lis_grasp"

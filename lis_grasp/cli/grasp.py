@@ -104,8 +104,8 @@ def execute(options: argparse.Namespace) -> None:
         folder = _write_dexgraspbench(made, options.mesh, labels)
         say(f"wrote {folder}: copy hand/lis_{hand.name}.yaml to the benchmark's config/hand, then")
         say(f"  python src/main.py task=eval hand=lis_{hand.name} save_dir={folder}")
-    if "object" in made.recorded and made.search.grasps:
-        say(f"next: lis-grasp lift {made.path}")
+    known = "object" in made.recorded and made.search.grasps
+    say(f"next: lis-grasp {f'lift {made.path}' if known else f'view {made.path.parent}'}")
 
 
 def _label(options: argparse.Namespace, made: GraspedFile) -> Sequence[Mapping[str, Any]]:

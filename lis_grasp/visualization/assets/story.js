@@ -24,8 +24,8 @@ const Story = (facts) => {
       now.made = Math.min(touch.contacts, Math.floor(gone / touch.step + 1e-6));
       // The hand approaches, touches when the contact appears, and stays for a moment.
       const turn = gone / touch.step;
-      const next = Math.floor(turn + 0.6);
-      if (next <= touch.contacts) Object.assign(now, { next, away: Math.max(0, (next - turn) / 0.6) ** 2 });
+      const next = Math.min(touch.contacts, Math.floor(turn + 0.6)); // the last one stays
+      Object.assign(now, { next, away: Math.max(0, (next - turn) / 0.6) ** 2 });
       now.surface = touch.surfaces.filter((count) => count <= now.made).pop() ?? null;
       now.contacts = now.surface ?? now.made;
       now.rank = 0;
