@@ -42,7 +42,7 @@ _LOST = 0.05  # [m] of slip that only a lost object has
 _WATCHED_RISE = 0.01
 _GRIP_FACTOR = 1.5
 # Margin of the grip below which an object is set down that is so many times as heavy as assumed.
-_LEAST_MARGIN, _HEAVIER = 0.7, 1.25
+_LEAST_MARGIN, _HEAVIER = 0.55, 1.25
 # Commands over which a weight is averaged, and the least mass that is weighed [kg].
 _WEIGHED_STEPS, _LEAST_MASS = 9, 0.005
 _SLIP_LIMIT = 0.006
