@@ -26,7 +26,6 @@ _FACING, _FLAT = 0.7, 0.1
 _LEVEL = 0.0015  # of a face's corners [m]
 _OBLIQUE = 0.12  # angle to the closing direction at which a face's area counts 1/e [rad]
 _USUAL_GAP, _STEPS = 0.05, 21  # [m] at which faces are chosen, and postures that are tried
-_LEAST_GAP = 0.01  # [m] at which the faces of a jaw and a fixed one are chosen
 _ALONG_GAP = 0.5  # cosine of the angle from the gap to the motion that closes it
 _OFFSET = 0.03  # by which two opposite faces may be displaced along themselves [m]
 _COVERED = 0.0003  # by which another body may be in front of a face [m]
@@ -122,7 +121,7 @@ class _Gripper:
         path = np.linspace(wide, narrow, _STEPS)
         if all(finger.motors for finger in self._fingers):
             return np.asarray(path[np.argmin([abs(self._gap(q) - _USUAL_GAP) for q in path])])
-        apart = [q for q in path if self._gap(q) > _LEAST_GAP] or [wide]
+        apart = [q for q in path if self._gap(q) > 0.0] or [wide]
         return max(apart, key=lambda q: float(self._motion(q) @ unit(self.gap_vector(q))))
 
     def closing_direction(self, q: FloatArray) -> FloatArray:
