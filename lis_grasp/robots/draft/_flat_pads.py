@@ -21,6 +21,9 @@ from lis_grasp.typing import FloatArray
 _HALF_ANGLE, _TURNING_HALF_ANGLE = 0.3, 0.15
 # Of a fixed jaw, which is laid flat on the object [rad].
 _FIXED_HALF_ANGLE = 0.05
+# Between the line of two pads and their axes, where a jaw is parallel to a fixed one [rad]: beyond
+# it they are moved to be opposite there.
+_ASLANT = 0.19
 # A face counts as that of a gripper within these angles: to the other pad, and over itself [rad].
 _FACING, _FLAT = 0.7, 0.1
 _LEVEL = 0.0015  # of a face's corners [m]
@@ -43,7 +46,12 @@ def fit_flat_pads(model: RobotModel, fingers: Sequence[Finger]) -> tuple[Pad, ..
     poses, towards, outwards = gripper.towards()
     pads = [flat_pad(*each) for each in zip(fingers, towards, outwards, strict=True)]
     if any(not finger.motors for finger in fingers):  # the wrist lays the fixed jaw flat
-        poses = gripper.poses(gripper.path[np.argmin(gripper.angles(pads))])
+        parallel = gripper.poses(gripper.path[np.argmin(gripper.angles(pads))])
+        first, second = _opposed(pads, poses)
+        ends = [apply_pose(parallel[pad.link], pad.center_L) for pad in (first, second)]
+        line = unit(ends[1] - ends[0])
+        if line @ rotate(parallel[first.link], first.axis_L) < np.cos(_ASLANT):
+            poses = parallel
         angles = [_TURNING_HALF_ANGLE if finger.motors else _FIXED_HALF_ANGLE for finger in fingers]
     else:
         turns = np.ptp(gripper.angles(pads)) > _FLAT
