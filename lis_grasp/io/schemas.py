@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -85,6 +86,11 @@ def _keys_of(schema: type[BaseModel]) -> set[str]:
     described = schema.model_json_schema()
     records = [described, *described.get("$defs", {}).values()]
     return {key for record in records for key in record.get("properties", {})}
+
+
+def write_json_schema(schema: type[BaseModel], path: Path) -> None:
+    """Write the JSON schema, from which editors complete and check a YAML file."""
+    path.write_text(json.dumps(schema.model_json_schema(), indent=1) + "\n", encoding="utf-8")
 
 
 def checked(schema: type[_Schema], content: Any, path: Path, what: str) -> _Schema:

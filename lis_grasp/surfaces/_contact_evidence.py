@@ -107,7 +107,7 @@ class Evidence:
         process = GradientRegression.fit(_KERNEL, nodes, targets, np.column_stack(variances))
         factor = (process.cholesky, True)
         precision = cho_solve(factor, np.eye(ROWS * len(nodes)), check_finite=False)
-        distances = squareform(separations / scale)
+        distances = np.maximum(squareform(separations / scale), np.finfo(np.float64).eps)
         spacing = _spacing(distances)
         np.fill_diagonal(distances, np.inf)
         heights = (position / scale) ** 2

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from lis_grasp.cli import options as opt
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp_studies.harness.runner import DaskCluster, Scheduler, local_scheduler
+
+if TYPE_CHECKING:
+    from lis_grasp_studies.harness.runner import Scheduler
 
 
 def read_options(
@@ -66,6 +67,8 @@ def add_estimator(parser: argparse.ArgumentParser) -> None:
 
 def add_scheduler(parser: argparse.ArgumentParser) -> None:
     """Add the number of processes, and the address of a cluster."""
+    from lis_grasp.cli import options as opt
+
     opt.add_jobs(parser)
     parser.add_argument(
         "--scheduler", metavar="ADDRESS", help="address of a Dask cluster, tcp://host:port"
@@ -74,6 +77,8 @@ def add_scheduler(parser: argparse.ArgumentParser) -> None:
 
 def scheduler_of(options: argparse.Namespace) -> Scheduler:
     """Return the scheduler that the options of `add_scheduler` name."""
+    from lis_grasp_studies.harness.runner import DaskCluster, local_scheduler
+
     if options.scheduler is None:
         return local_scheduler(options.jobs)
     if options.jobs is not None:
