@@ -13,8 +13,8 @@ from lis_grasp.simulation.drake.lift import LiftScene
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: bootstrap.sh mujoco")
 pytest.importorskip("coacd", reason="CoACD is not installed: bootstrap.sh mujoco")
 
-from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces  # noqa: E402
-from lis_grasp.simulation.mujoco.lift import MujocoScene  # noqa: E402
+from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces
+from lis_grasp.simulation.mujoco.lift import MujocoScene
 
 HAND = Hand.load("allegro")
 STRIP = trimesh.creation.box((0.15, 0.03, 0.004))
