@@ -1,6 +1,6 @@
 """Errors of estimators on contacts of a real robot's fingertips (iCub), against scanned models.
 
-    python benchmarks/bench_real_touches.py FOLDER --picture real_touches.png [--pair SET=MODEL ...]
+    python benchmarks/bench_real_touches.py FOLDER [--pair SET=MODEL ...]
 
 FOLDER has measurements/*.off (points only, in the robot's root frame) and models/*.off; the page
 docs/real-touches.md says where to get it. The object's pose is unknown: the points are fitted to
@@ -13,7 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import igl
-import matplotlib.pyplot as plt
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
@@ -61,33 +60,16 @@ def normals_of_model(points: np.ndarray, mesh: trimesh.Trimesh) -> np.ndarray:
     return np.asarray(mesh.face_normals[faces])
 
 
-def draw(axis: plt.Axes, mesh: trimesh.Trimesh, points: np.ndarray, title: str) -> None:
-    axis.plot_trisurf(*mesh.vertices.T, triangles=mesh.faces, color="#9bb8d3", linewidth=0)
-    axis.scatter(*points.T, s=4, color="#c0392b", depthshade=False)
-    low, high = points.min(axis=0) - 0.02, points.max(axis=0) + 0.02
-    middle, half = (low + high) / 2, (high - low).max() / 2
-    axis.set(
-        xlim=(middle[0] - half, middle[0] + half),
-        ylim=(middle[1] - half, middle[1] + half),
-        zlim=(middle[2] - half, middle[2] + half),
-    )
-    axis.set_title(title, fontsize=8)
-    axis.set_axis_off()
-
-
 def main() -> None:
     options = read_options(
         __doc__,
         folder=Path,
         estimators=list(ESTIMATORS),
         pair=[f"{name}={model}" for name, model in MODELS.items()],
-        picture=Path,
     )
     pairs = dict(pair.split("=") for pair in options.pair)
     body: list[tuple[str, ...]] = []
-    rows, columns = len(pairs), len(options.estimators) + 1
-    figure = plt.figure(figsize=(2.2 * columns, 2.4 * rows))
-    for row, (name, model) in enumerate(pairs.items()):
+    for name, model in pairs.items():
         mesh = trimesh.load(options.folder / "models" / f"{model}.off")
         estimated = load_contacts(
             options.folder / "measurements" / f"{name}.off", position_noise=NOISE
@@ -105,9 +87,6 @@ def main() -> None:
             f" {stated:.0f} deg"
         )
         truth = Shape.from_mesh(mesh, model)
-        if options.picture:
-            axis = figure.add_subplot(rows, columns, row * columns + 1, projection="3d")
-            draw(axis, mesh, points, f"{name}: model")
         variants = {
             "estimated": estimated,
             "estimated, noise unsaid": replace(estimated, position_noise=None, normal_noise=None),
@@ -120,7 +99,7 @@ def main() -> None:
         }
         for kind, contacts in variants.items():
             cells = []
-            for column, estimator in enumerate(options.estimators):
+            for estimator in options.estimators:
                 start = time.perf_counter()
                 try:
                     surface = ESTIMATORS[estimator](contacts)
@@ -132,17 +111,10 @@ def main() -> None:
                     continue
                 both = 1e3 * error.rmsd, 1e3 * error.rmsd_truth_to_estimate
                 cells.append(f"{both[0]:.1f} / {both[1]:.1f} ({seconds:.1f})")
-                if options.picture and kind == "estimated":
-                    place = row * columns + column + 2
-                    axis = figure.add_subplot(rows, columns, place, projection="3d")
-                    draw(axis, found, points, f"{estimator}: {both[0]:.1f} / {both[1]:.1f} mm")
             body.append((name, kind, *cells))
     title = "rms [mm] within 30 mm of a contact: estimate to truth / truth to estimate (seconds)"
     head = ("set", "normals", *options.estimators)
     print(Table("real_touches", title, head, tuple(body)).text())
-    if options.picture:
-        figure.savefig(options.picture, dpi=200, bbox_inches="tight")
-        print(f"wrote {options.picture}")
 
 
 if __name__ == "__main__":

@@ -162,10 +162,10 @@ def _report(study: Study, rows: list[Row], output: Path, figures: Path | None) -
     from lis_grasp_studies.harness.page import write_figures
     from lis_grasp_studies.harness.tables import rows_csv, write_tables
     from lis_grasp_studies.study.cases import draw_cases
+    from lis_grasp_studies.study.columns import COLUMNS
     from lis_grasp_studies.study.comparison import compare
     from lis_grasp_studies.study.figures import draw_pictures
     from lis_grasp_studies.study.page import write_report
-    from lis_grasp_studies.study.run import COLUMNS
     from lis_grasp_studies.study.tables import all_tables
 
     with Stage("Reporting") as stage:

@@ -1,4 +1,4 @@
-"""Parts with lifts: grasps on unknown objects, both simulators, what each stage is worth."""
+"""Parts with lifts: grasps on unknown objects, both simulators."""
 
 from __future__ import annotations
 
@@ -19,6 +19,12 @@ from lis_grasp_studies.evaluation.grasp_tables import (
 )
 from lis_grasp_studies.evaluation.grasps import GRASPS, GraspTrial
 from lis_grasp_studies.evaluation.part import Answer, Part, Places, group_of, interleaved
+from lis_grasp_studies.evaluation.simulators import (
+    BOTH,
+    difference_table,
+    disagreements_table,
+    held_table,
+)
 from lis_grasp_studies.figures.palette import estimator_label
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.page import Picture
@@ -27,13 +33,6 @@ from lis_grasp_studies.study.cells import difference, held_text
 from lis_grasp_studies.study.comparison import pairs_of
 from lis_grasp_studies.study.tables import calibration_table, reasons_table, summary_table
 from lis_grasp_studies.study.trial import Setup, Trial
-from lis_grasp_studies.unknown_study.parts import PARTS, parts_table
-from lis_grasp_studies.unknown_study.simulators import (
-    BOTH,
-    difference_table,
-    disagreements_table,
-    held_table,
-)
 
 _UNKNOWN = Setup(prober="dynamic", conditions="unknown")
 
@@ -146,14 +145,3 @@ class SimulatorsPart(LiftsPart):
         text = f"Drake and MuJoCo agree on {same} of {len(lifts)} grasps"
         numbers = {"agree": float(same), "grasps": float(len(lifts))}
         return [Answer("Does a second simulator agree?", text, numbers)]
-
-
-class AblationPart(LiftsPart):
-    """The pipeline without one of its parts."""
-
-    measure: Literal["ablation"]
-    experiment: ClassVar[Experiment] = PARTS
-
-    def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """Return what each part is worth on each group of objects."""
-        return [parts_table(rows, group, members) for group, members in self.objects.items()]

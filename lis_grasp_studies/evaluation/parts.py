@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any, ClassVar, Literal
 
 from pydantic import Field
@@ -28,7 +29,7 @@ from lis_grasp_studies.contact_study.tables import (
 )
 from lis_grasp_studies.evaluation.command_parts import CommandsPart, FitsPart, ServicePart
 from lis_grasp_studies.evaluation.exploration import EXPLORATION, ExplorationTrial
-from lis_grasp_studies.evaluation.grasp_parts import AblationPart, GraspsPart, SimulatorsPart
+from lis_grasp_studies.evaluation.grasp_parts import GraspsPart, SimulatorsPart
 from lis_grasp_studies.evaluation.grasp_tables import ALL, REFERENCE, SUBJECT
 from lis_grasp_studies.evaluation.part import Answer, Part, Places, SeedsPart, group_of, interleaved
 from lis_grasp_studies.figures.palette import estimator_label
@@ -164,22 +165,24 @@ class LiesPart(SeedsPart):
 
     measure: Literal["lies"]
     others: list[str]
-    """Objects beside the evaluation shapes, a family of their own."""
+    """Objects in place of the evaluation shapes; none for these."""
     part: int = Field(ge=1)
     fits: bool
     experiment: ClassVar[Experiment] = EXPERIMENT
 
     def trials(self, seed: int, places: Places) -> Iterator[Any]:
         """Yield the trials of a seed; each object meets one draw of `part`."""
-        for i, (_, name) in enumerate(interleaved({**EVALUATION, "others": self.others})):
+        groups = {"others": self.others} if self.others else EVALUATION
+        place = {name: i for i, name in enumerate(chain.from_iterable(groups.values()))}
+        for _, name in interleaved(groups):
             for j, draw in enumerate(DRAWS):
-                if (i + j) % self.part == 0 and not (self.fits and draw in HARD):
+                if (place[name] + j) % self.part == 0 and not (self.fits and draw in HARD):
                     yield LieTrial(name, *draw, seed, int(self.fits))
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return what is found, by family and by kind of lie."""
-        others = {name: {"family": "others"} for name in self.others}
-        return lie_tables([row | others.get(row["shape"], {}) for row in rows])
+        family = {"family": "others"} if self.others else {}
+        return lie_tables([row | family for row in rows])
 
 
 class ExplorationPart(SeedsPart):
@@ -224,7 +227,6 @@ AnyPart = (
     | CommandsPart
     | ServicePart
     | FitsPart
-    | AblationPart
 )
 
 KINDS: Mapping[str, type[Part]] = {

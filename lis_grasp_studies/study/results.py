@@ -20,7 +20,7 @@ from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.io.schemas import FileRecord, Number, checked
 from lis_grasp.robots.shipped_models import READY_HANDS
 from lis_grasp_studies.harness.rows import Job, TrialResults, missing_jobs
-from lis_grasp_studies.study.run import COLUMNS, MACHINE, TIMES
+from lis_grasp_studies.study.columns import COLUMNS, MACHINE, TIMES
 from lis_grasp_studies.study.study import Study
 from lis_grasp_studies.study.trial import (
     OBJECT_NAMES,

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import platform
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,9 +14,8 @@ import trimesh
 
 from lis_grasp import pipeline
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
 from lis_grasp.evaluation.surface_error import surface_error
-from lis_grasp.exceptions import EstimationError, LisGraspError
+from lis_grasp.exceptions import EstimationError
 from lis_grasp.exploration import STEP_FRACTION, ProbeOutcome
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io.json_lines import Row
@@ -35,36 +30,24 @@ from lis_grasp.shapes import Shape, placed
 from lis_grasp.surfaces import carved
 from lis_grasp.surfaces.carved_implicit_surface import above_table
 from lis_grasp.typing import FloatArray
-from lis_grasp.version import __version__
 from lis_grasp_studies.estimators import compared_estimator
 from lis_grasp_studies.harness.rows import Job
 from lis_grasp_studies.harness.runner import single_thread
-from lis_grasp_studies.study.trial import (
-    KEY_LENGTH,
-    SETTINGS,
-    TRUTH,
-    Trial,
-    columns_of,
-    file_digests,
-    object_digest,
-    parse_noise,
-    row_key,
+from lis_grasp_studies.study.columns import (
+    TIMES,
+    blank_row,
+    failure_in,
+    outcome_columns,
+    quality_columns,
+    search_columns,
 )
+from lis_grasp_studies.study.trial import KEY_LENGTH, TRUTH, Trial, file_digests, parse_noise
 
 if TYPE_CHECKING:
     from lis_grasp.lifting.outcome import LiftOutcome
 
-NO_GRASP, FAILED = "no_grasp", "failed"
-"""Reasons of rows without a lift."""
-
 DRAKE = "lis_grasp.simulation.drake.lift"
 """Module that loads Drake, for `single_thread`."""
-
-TIMES = ("seconds_touch", "seconds_estimate", "seconds_grasp", "seconds_lift")
-"""Columns that differ between equal trials."""
-
-MACHINE = "versions"
-"""Column with the versions and the machine that made a row."""
 
 
 def run_trial(job: Job) -> list[Row]:
@@ -130,7 +113,7 @@ def rows_of(job: Job) -> Iterator[Row]:
     for estimator in job.variants:
         watch = Stopwatch()
         row = blank_row(trial, estimator, shape)
-        with _failure_in(row):
+        with failure_in(row):
             _fill(row, trial, shape, hand, estimator, watch)
         yield row | {name: watch.seconds.get(name.removeprefix("seconds_")) for name in TIMES}
 
@@ -164,7 +147,7 @@ def _fill(
 
 
 @dataclass(frozen=True)
-class TrialStages(Stages):
+class _TrialStages(Stages):
     """The stages of a trial with an estimator, for `grasp_with_tactile_check`."""
 
     trial: Trial
@@ -182,15 +165,15 @@ def _grasp_by_touch(
 ) -> Row:
     """Return the columns of the last of several attempts."""
     scenario = scenario_at(trial.run_config(hand=trial.hand), shape, hand, touched.X_EO)
-    stages = TrialStages(trial, estimator)
+    stages = _TrialStages(trial, estimator)
     attempts = list(grasp_with_tactile_check(scenario, touched.contacts, stages))
     last = attempts[-1]
-    row = _search_columns(last.search) | {"executed": sum(a.outcome is not None for a in attempts)}
+    row = search_columns(last.search) | {"executed": sum(a.outcome is not None for a in attempts)}
     if last.outcome is None:
         return row
     truth = last.scenario.truth.shape_now.mesh
     grasp = last.search.grasps[last.rank]
-    return row | _quality_columns(grasp, truth, trial, hand) | _outcome_columns(last.outcome)
+    return row | quality_columns(grasp, truth, trial, hand) | outcome_columns(last.outcome)
 
 
 def shape_at(shape: Shape, X_EO: FloatArray | None) -> Shape:
@@ -223,7 +206,7 @@ def grasp_and_lift(task: GraspTask) -> tuple[Row, dict[str, float]]:
     """Plan, evaluate the best grasp on the truth, lift with it; return columns, and times [s]."""
     watch = Stopwatch()
     row: Row = {}
-    with _failure_in(row):
+    with failure_in(row):
         _fill_grasp(row, task, watch)
     return row, watch.seconds
 
@@ -232,46 +215,14 @@ def _fill_grasp(row: Row, task: GraspTask, watch: Stopwatch) -> None:
     trial, shape, hand = task.trial, task.shape, task.hand
     with watch.measure("grasp"):
         search = plan(trial, task.mesh, shape, hand)
-    row |= _search_columns(search)
+    row |= search_columns(search)
     if not search.grasps:
         return
     best = search.grasps[0]
-    row |= _quality_columns(best, shape_at(shape, task.X_EO).mesh, trial, hand)
+    row |= quality_columns(best, shape_at(shape, task.X_EO).mesh, trial, hand)
     with watch.measure("lift"):
         outcome = lift(trial, best, shape, hand, task.X_EO)
-    row |= {"executed": 1} | _outcome_columns(outcome)
-
-
-def _search_columns(search: GraspSearch) -> Row:
-    return {
-        "grasps_found": len(search.grasps),
-        "candidates": search.candidates,
-        "rejections": json.dumps(dict(search.rejections), sort_keys=True),
-        "reason": NO_GRASP,
-    }
-
-
-def _quality_columns(best: Grasp, truth: trimesh.Trimesh, trial: Trial, hand: Hand) -> Row:
-    on_estimate = float(best.quality["epsilon"])
-    on_truth = float(epsilon_on_truth(best, truth, hand, friction=trial.setup.friction))
-    return {
-        "epsilon_estimate": on_estimate,
-        "epsilon_truth": on_truth,
-        "epsilon_gap": on_estimate - on_truth,
-        "closure_probability": float(best.quality["closure_probability"]),
-        "success_probability": float(best.quality["success_probability"]),
-    }
-
-
-def _outcome_columns(outcome: LiftOutcome) -> Row:
-    return {
-        "lifted": bool(outcome.lifted),
-        "held": bool(outcome.held),
-        "slip": float(outcome.slip),
-        "turn": float(outcome.turn),
-        "acceleration_survived": float(outcome.acceleration_survived),
-        "reason": outcome.reason,
-    }
+    row |= {"executed": 1} | outcome_columns(outcome)
 
 
 @dataclass(slots=True)
@@ -321,38 +272,6 @@ def _explored(start: Trial, explorer: str, files: tuple[str, ...]) -> _Explored:
     return _Explored()
 
 
-COLUMNS = (
-    *("key", "object", "object_digest", "edged", "hand", "touches", "noise", "seed", "estimator"),
-    *("held", "lifted", "reason", "executed", "slip", "turn", "acceleration_survived"),
-    *("epsilon_estimate", "epsilon_truth", "epsilon_gap"),
-    *("closure_probability", "success_probability"),
-    *("grasps_found", "candidates", "rejections"),
-    *("rmsd", "rmsd_truth_to_estimate", "edge_rmsd", "hausdorff_95", "chamfer"),
-    *("f_score_1mm", "f_score_2mm", "f_score_5mm", "iou", "normal_error", "coverage"),
-    *("explored_radius", "triangles", "watertight", "contacts", "contacts_digest", "failure"),
-    *SETTINGS,
-    *("version", MACHINE, *TIMES),
-)
-"""Columns of the files of results, in their order; lengths in metres, times in seconds."""
-
-
-def blank_row(trial: Trial, estimator: str, shape: Shape) -> Row:
-    """Return the row of a trial without any result: not lifted, not held."""
-    return {
-        **{name: None for name in COLUMNS if name not in TIMES},
-        "key": row_key(trial, estimator),
-        **columns_of(trial),
-        "object_digest": object_digest(trial.object),
-        "estimator": estimator,
-        **asdict(trial.setup),
-        "version": __version__,
-        MACHINE: json.dumps(_versions(), sort_keys=True),
-        "edged": bool(len(shape.edges)),
-        "lifted": False,
-        "held": False,
-    }
-
-
 def mesh_digest(mesh: trimesh.Trimesh) -> str:
     """Return a hash of a mesh: vertices, faces and vertex attributes."""
     attributes = [mesh.vertex_attributes[name] for name in sorted(mesh.vertex_attributes)]
@@ -364,23 +283,3 @@ def _short_digest(*arrays: np.ndarray) -> str:
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()[:KEY_LENGTH]
-
-
-@contextmanager
-def _failure_in(row: Row) -> Iterator[None]:
-    """Write an error of the block into the row."""
-    try:
-        yield
-    except LisGraspError as error:
-        row |= {"reason": FAILED, "failure": f"{type(error).__name__}: {error}"}
-
-
-@lru_cache(maxsize=1)
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version(), "machine": platform.machine()}
-    for package in ("drake", "numpy", "scipy", "trimesh", "python-fcl"):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "none"
-    return found

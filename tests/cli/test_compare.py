@@ -17,8 +17,8 @@ import yaml
 from lis_grasp import shapes
 from lis_grasp.cli.main import main
 from lis_grasp_studies.cli.compare import QUICK
+from lis_grasp_studies.study.columns import blank_row
 from lis_grasp_studies.study.results import StudyResults, without_times
-from lis_grasp_studies.study.run import blank_row
 from lis_grasp_studies.study.study import Study, load_study
 
 pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")

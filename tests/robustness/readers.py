@@ -189,8 +189,8 @@ def _save_study(path: Path) -> None:
 
 
 def _save_rows(path: Path) -> None:
+    from lis_grasp_studies.study.columns import COLUMNS
     from lis_grasp_studies.study.results import StudyResults
-    from lis_grasp_studies.study.run import COLUMNS
 
     row = dict.fromkeys(COLUMNS)
     row |= {"key": "a" * 16, "object": "box", "version": lis_grasp.__version__, "seed": 0}

@@ -11,12 +11,11 @@ import pytest
 
 from lis_grasp.io.json_lines import Row
 from lis_grasp_studies.contact_study.score import SURFACES
+from lis_grasp_studies.evaluation.simulators import BOTH
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.program import read_options
 from lis_grasp_studies.harness.tables import grouped_table, mean_cell, split, where
 from lis_grasp_studies.paper.trials import PAPER
-from lis_grasp_studies.unknown_study.parts import PARTS
-from lis_grasp_studies.unknown_study.simulators import BOTH
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ def test_a_variant_whose_source_changed_is_measured_again(tmp_path: Path) -> Non
     assert len(file.read_text().splitlines()) == 3
 
 
-@pytest.mark.parametrize("experiment", [PAPER, SURFACES, PARTS, BOTH])
+@pytest.mark.parametrize("experiment", [PAPER, SURFACES, BOTH])
 def test_other_processes_can_run_every_experiment(experiment: Experiment) -> None:
     assert pickle.loads(pickle.dumps(experiment.run)).__self__ == experiment  # noqa: S301
 

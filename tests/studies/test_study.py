@@ -32,11 +32,10 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp_studies.harness.rows import Job
 from lis_grasp_studies.harness.runner import DaskCluster, InProcess, LocalPool, run_trials
 from lis_grasp_studies.study import run as trial_module
+from lis_grasp_studies.study.columns import COLUMNS, blank_row
 from lis_grasp_studies.study.results import StudyResults, job_of, without_times
 from lis_grasp_studies.study.run import (
-    COLUMNS,
     GraspTask,
-    blank_row,
     grasp_and_lift,
     run_trial,
     touch,

@@ -13,6 +13,12 @@ import pytest
 
 from lis_grasp.io.json_lines import Row
 from lis_grasp.version import __version__
+from lis_grasp_studies.evaluation.simulators import (
+    BOTH,
+    difference_table,
+    disagreements_table,
+    held_table,
+)
 from lis_grasp_studies.harness.calibration import chance_calibration_error
 from lis_grasp_studies.harness.page import Picture
 from lis_grasp_studies.harness.rows import Job, TrialResults
@@ -20,10 +26,11 @@ from lis_grasp_studies.harness.tables import Table, rows_csv, write_tables
 from lis_grasp_studies.study import tables as study_tables
 from lis_grasp_studies.study.cases import draw_cases
 from lis_grasp_studies.study.cells import printed
+from lis_grasp_studies.study.columns import COLUMNS
 from lis_grasp_studies.study.comparison import clearest_pairs, compare
 from lis_grasp_studies.study.figures import draw_pictures, held_against_touches
 from lis_grasp_studies.study.page import write_report
-from lis_grasp_studies.study.run import COLUMNS, run_trial
+from lis_grasp_studies.study.run import run_trial
 from lis_grasp_studies.study.study import Study
 from lis_grasp_studies.study.tables import (
     all_tables,
@@ -35,13 +42,6 @@ from lis_grasp_studies.study.tables import (
     summary_table,
 )
 from lis_grasp_studies.study.trial import row_key
-from lis_grasp_studies.unknown_study.parts import parts_table
-from lis_grasp_studies.unknown_study.simulators import (
-    BOTH,
-    difference_table,
-    disagreements_table,
-    held_table,
-)
 
 pytest.importorskip("statsmodels", reason="needs lis-grasp[study]")
 
@@ -300,16 +300,6 @@ def lifts_in_both() -> list[Row]:
     ]
 
 
-def trials_of_parts() -> list[Row]:
-    """Return rows of two tools and seeds: without free space one tool is never held."""
-    return [
-        {"object": name, "seed": seed, "variant": variant, "held": name == "key" or whole}
-        for name in ("key", "pen")
-        for seed in (0, 1)
-        for variant, whole in (("whole pipeline", True), ("without free space", False))
-    ]
-
-
 def test_lifts_in_both_simulators_are_compared_where_a_grasp_was_executed() -> None:
     rows = lifts_in_both()
     held = {line[0]: line[1:] for line in held_table(rows).body}
@@ -319,13 +309,6 @@ def test_lifts_in_both_simulators_are_compared_where_a_grasp_was_executed() -> N
     assert differences["MuJoCo"] == ("+33.3", "+33.3")
     (line,) = disagreements_table(rows).body
     assert line == ("pen", "`wsg50`", "blend", "held, 3 mm, 17°", "dropped, 3 mm, 17°")
-
-
-def test_a_part_is_worth_what_its_absence_costs() -> None:
-    table = parts_table(trials_of_parts(), "tools", ("key", "pen"))
-    lines = {line[0]: line[1:] for line in table.body}
-    assert lines["whole pipeline"] == ("4", "100", "–", "–")
-    assert lines["without free space"] == ("4", "50", "−50.0", "1.000")
 
 
 def test_stored_rows_of_both_simulators_load() -> None:

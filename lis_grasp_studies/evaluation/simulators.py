@@ -6,25 +6,21 @@ A grasp is planned once, and executed in both simulators.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from lis_grasp import Grasp, Hand
+from lis_grasp import Hand
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.run_config import SIMULATORS
-from lis_grasp.shapes import Shape
-from lis_grasp.typing import FloatArray
 from lis_grasp_studies.figures.palette import estimator_label
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.tables import Column, Table, grouped_table, split, where
 from lis_grasp_studies.study.cells import difference
+from lis_grasp_studies.study.columns import FAILED, NO_GRASP
 from lis_grasp_studies.study.comparison import names, pairs_of
 from lis_grasp_studies.study.run import (
     DRAKE,
-    FAILED,
-    NO_GRASP,
     estimate,
     lift,
     plan,
@@ -38,42 +34,22 @@ _LABELS = {"drake": "Drake", "mujoco": "MuJoCo"}
 _KEY = ("object", "hand", "seed", "estimator")
 
 
-@dataclass(frozen=True, slots=True)
-class PlannedGrasp:
-    """The best grasp of an estimator, and the true object at its pose X_EO (4, 4)."""
-
-    grasp: Grasp
-    shape: Shape
-    hand: Hand
-    X_EO: FloatArray | None
-
-    def lift(self, trial: Trial, simulator: str) -> Row:
-        """Return the outcome of the grasp in the conditions of a trial."""
-        outcome = lift(trial, self.grasp, self.shape, self.hand, self.X_EO, simulator=simulator)
-        columns = {name: getattr(outcome, name) for name in _OUTCOME}
-        return columns | {"success_probability": self.grasp.quality["success_probability"]}
-
-
-def plan_grasp(trial: Trial, estimator: str) -> PlannedGrasp | None:
-    """Touch, estimate and plan; return the best grasp, None if there is none."""
-    shape, hand = trial.find_object(), Hand.load(trial.hand)
-    touched = touch(trial, trial.explorer(estimator))
-    if estimator == TRUTH:
-        mesh = shape_at(shape, touched.X_EO).mesh
-    else:
-        mesh = estimate(trial, estimator, touched.contacts)
-    grasps = plan(trial, mesh, shape, hand).grasps
-    return PlannedGrasp(grasps[0], shape, hand, touched.X_EO) if grasps else None
-
-
 def lift_in_both(trial: Trial, estimator: str) -> list[Row]:
-    """Return the outcome of a grasp in each simulator."""
+    """Touch, estimate and plan; return the outcome of the best grasp in each simulator."""
     no_lift: Row = {"held": False, "lifted": False, "reason": NO_GRASP}
     outcomes = dict.fromkeys(SIMULATORS, no_lift)
     try:
-        planned = plan_grasp(trial, estimator)
-        if planned is not None:
-            outcomes = {name: planned.lift(trial, name) for name in SIMULATORS}
+        shape, hand = trial.find_object(), Hand.load(trial.hand)
+        touched = touch(trial, trial.explorer(estimator))
+        if estimator == TRUTH:
+            mesh = shape_at(shape, touched.X_EO).mesh
+        else:
+            mesh = estimate(trial, estimator, touched.contacts)
+        for grasp in plan(trial, mesh, shape, hand).grasps[:1]:
+            known = {"success_probability": grasp.quality["success_probability"]}
+            for name in SIMULATORS:
+                outcome = lift(trial, grasp, shape, hand, touched.X_EO, simulator=name)
+                outcomes[name] = {key: getattr(outcome, key) for key in _OUTCOME} | known
     except LisGraspError as error:
         outcomes = dict.fromkeys(SIMULATORS, no_lift | {"reason": FAILED, "failure": str(error)})
     return [{"simulator": name} | outcome for name, outcome in outcomes.items()]
