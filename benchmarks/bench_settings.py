@@ -34,7 +34,7 @@ def measure(make: Maker, sets: list[ContactSet]) -> tuple[np.ndarray, int, float
 def main() -> None:
     options = read_options(__doc__, objects=list(COMPETITORS), part=10)
     with single_thread():
-        sets = list(development_sets(part=options.part))
+        sets = list(development_sets(options.part))
         print(f"{len(sets)} sets", flush=True)
         reference, _, _ = measure(OURS["gpis"], sets)
         for name in options.objects:

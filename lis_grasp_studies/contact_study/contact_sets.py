@@ -143,20 +143,14 @@ def contact_set(shape: str, case: ContactCase, seed: int = 0) -> ContactSet:
     return ContactSet(surface.shape, family_of(shape), case, seed, exact, noisy)
 
 
-def development_sets(
-    shapes: Sequence[str] | None = None,
-    cases: Sequence[ContactCase] = CASES,
-    *,
-    part: int = 3,
-    seed: int = 0,
-) -> Iterator[ContactSet]:
-    """Yield contact sets of development shapes, by default of all; settings are chosen on these.
+def development_sets(part: int) -> Iterator[ContactSet]:
+    """Yield contact sets of the development shapes, on which settings are chosen.
 
     Each shape meets one case of `part`, another selection for each shape: 1 yields every case.
     """
     names = [name for family in DEVELOPMENT.values() for name in family]
-    for name, case in balanced(names if shapes is None else shapes, cases, part):
-        yield contact_set(name, case, seed)
+    for name, case in balanced(names, CASES, part):
+        yield contact_set(name, case)
 
 
 def balanced(

@@ -116,7 +116,7 @@ class GraspsPart(LiftsPart):
                     f"{estimator_label(name)}: {held_text(of)} % of {len(of)} trials"
                     for name, of in split(part, "estimator").items()
                 ]
-                lead = difference(pairs_of(part, [SUBJECT], REFERENCE), over_objects=True)
+                lead = difference(pairs_of(part, [SUBJECT], REFERENCE))
                 texts.append(f"blend minus GPIS, for other objects: {lead} points")
                 found.append(Answer(question, "; ".join(texts), held_rates(part)))
         return found

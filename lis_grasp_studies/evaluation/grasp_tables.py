@@ -88,7 +88,7 @@ def families_table(rows: Sequence[Row], objects: Groups) -> Table:
         ),
         (
             f"{estimator_label(SUBJECT)} minus {estimator_label(REFERENCE)}, other objects",
-            lambda rows: difference(pairs_of(rows, [SUBJECT], REFERENCE), over_objects=True),
+            lambda rows: difference(pairs_of(rows, [SUBJECT], REFERENCE)),
         ),
     ]
     title = "Held by family, in percent, the greatest loss first"
@@ -137,7 +137,7 @@ def attempts_table(rows: Sequence[Row]) -> Table:
         ("trials", lambda pairs: str(len(pairs))),
         ("one attempt", lambda pairs: held_text([other for _, other in pairs])),
         ("several", lambda pairs: held_text([row for row, _ in pairs])),
-        ("difference in points", lambda pairs: difference(pairs, over_objects=True)),
+        ("difference in points", lambda pairs: difference(pairs)),
     ]
     title = "Held with one attempt and with several, in percent"
     return grouped_table("attempts", title, "estimator | at most", groups, columns)
@@ -193,7 +193,7 @@ def beside_table(rows: Sequence[Row], earlier: Sequence[Row], objects: Groups) -
         ("trials", lambda pairs: str(len(pairs))),
         ("before [%]", lambda pairs: f"{_percent([other for _, other in pairs]):.0f}"),
         ("now [%]", lambda pairs: f"{_percent([row for row, _ in pairs]):.0f}"),
-        ("difference, other objects", lambda pairs: difference(pairs, over_objects=True)),
+        ("difference, other objects", lambda pairs: difference(pairs)),
         ("this version is", verdict),
     ]
     ordered = {place: groups[place] for place in sorted(groups, key=lambda p: change(groups[p]))}

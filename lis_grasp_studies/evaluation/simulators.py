@@ -89,7 +89,7 @@ def difference_table(rows: Sequence[Row], estimator: str, reference: str) -> Tab
 
     def cell(rows: Sequence[Row], hand: str | None = None) -> str:
         chosen = rows if hand is None else where(rows, hand=hand)
-        return difference(pairs_of(chosen, [estimator], reference), over_objects=True)
+        return difference(pairs_of(chosen, [estimator], reference))
 
     groups = {text: where(rows, simulator=name) for name, text in _LABELS.items()}
     columns: list[Column] = [("all", cell)]

@@ -12,7 +12,6 @@ from lis_grasp.typing import FloatArray
 from lis_grasp_studies.harness.statistics import (
     SuccessRate,
     interval_over_objects,
-    interval_over_seeds,
     success_rate,
 )
 from lis_grasp_studies.harness.tables import NONE
@@ -107,14 +106,9 @@ def gains(pairs: Pairs) -> FloatArray:
     return np.array([float(row["held"]) - float(other["held"]) for row, other in pairs])
 
 
-def rows_of(pairs: Pairs) -> list[Row]:
-    """Return the estimator's rows."""
-    return [row for row, _ in pairs]
-
-
-def difference(pairs: Pairs, *, over_objects: bool = False) -> str:
-    """Return the difference of success rates in points, with its interval over seeds or objects."""
+def difference(pairs: Pairs) -> str:
+    """Return the difference of success rates in points, with its interval over objects."""
     if not pairs:
         return NONE
-    interval = interval_over_objects if over_objects else interval_over_seeds
-    return effect_text("held", float(gains(pairs).mean()), *interval(rows_of(pairs), gains(pairs)))
+    interval = interval_over_objects([row for row, _ in pairs], gains(pairs))
+    return effect_text("held", float(gains(pairs).mean()), *interval)

@@ -52,19 +52,9 @@ def rounded(plane: manifold3d.CrossSection, radius: float) -> manifold3d.CrossSe
     return shrunk.offset(radius, kind, 2.0, SEGMENTS).offset(-radius, kind, 2.0, SEGMENTS)
 
 
-def extrude(
-    plane: manifold3d.CrossSection,
-    height: float,
-    *,
-    pieces: int = 0,
-    twist: float = 0.0,
-    top: float = 1.0,
-) -> Solid:
-    """Return the upright prism on an outline, from -height/2 to height/2.
-
-    Cut in `pieces` + 1 layers, twisted by so many degrees, its top scaled by `top`.
-    """
-    solid = Solid.extrude(plane, height, pieces, twist, (top, top))
+def extrude(plane: manifold3d.CrossSection, height: float, *, top: float = 1.0) -> Solid:
+    """Return the upright prism on an outline, from -height/2 to height/2, its top scaled."""
+    solid = Solid.extrude(plane, height, 0, 0.0, (top, top))
     return solid.translate((0.0, 0.0, -0.5 * height))
 
 
@@ -92,13 +82,13 @@ def curve(knots: npt.ArrayLike, count: int) -> FloatArray:
     return np.asarray(spline(np.linspace(0.0, passed[-1], count)))
 
 
-def turned(knots: npt.ArrayLike, *, count: int = 64) -> Solid:
+def turned(knots: npt.ArrayLike) -> Solid:
     """Return the body of revolution whose radius passes through knots, rows (radius, z) upward.
 
     The radius is a monotone cubic of z between knots; the ends are flat.
     """
     radii, heights = np.asarray(knots, dtype=np.float64).T
-    z = np.linspace(heights[0], heights[-1], count)
+    z = np.linspace(heights[0], heights[-1], 64)
     outer = np.column_stack([PchipInterpolator(heights, radii)(z), z])
     return revolve(np.concatenate([[[0.0, z[0]]], outer, [[0.0, z[-1]]]]))
 
