@@ -12,7 +12,7 @@ import trimesh
 
 from lis_grasp import shapes
 from lis_grasp.cli.main import main
-from lis_grasp.contacts import Contacts
+from lis_grasp.contacts import HALF_SPACE, Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import Exploration
 from lis_grasp.io import provenance
@@ -68,8 +68,9 @@ def test_contacts_are_on_the_placed_object_and_above_the_table() -> None:
 @pytest.mark.slow
 def test_the_hand_stays_above_the_table() -> None:
     free = honest().contacts
-    # Each free ball is inside a link.
-    assert np.min(free.free_points[:, 2] - free.free_radii) > -1e-9
+    # Each free ball is inside a link, but for half-spaces beyond ends, whose sides are upright.
+    is_link = free.free_radii < HALF_SPACE
+    assert np.min((free.free_points[:, 2] - free.free_radii)[is_link]) > -1e-9
 
 
 @pytest.mark.slow

@@ -171,14 +171,13 @@ def test_the_result_is_read_without_scrolling(browser: Browser, page: str) -> No
     assert 0.0 < browser.evaluate(bottom) < 300.0
 
 
-def test_the_hand_comes_in_touches_and_leaves(browser: Browser, page: str) -> None:
+def test_the_hand_comes_in_touches_and_stays_at_the_last(browser: Browser, page: str) -> None:
     shares = []
     for touches in (3.2, 3.6, 4.0, 4.2, 6.9):
         picture = _look(browser, page, f"layers=hand&zoom=0.4&t={touches * STEP}")
         shares.append(_dark(picture))
     none = _dark(_look(browser, page, "layers=&zoom=0.4&t=0"))
-    assert shares[4] == pytest.approx(none, abs=1e-4)  # the hand has left
-    assert min(shares[:4]) > none + 0.005
+    assert min(shares) > none + 0.005
 
 
 def test_the_hand_at_a_touch_is_where_its_pose_says(browser: Browser, page: str) -> None:
