@@ -25,9 +25,10 @@ LIFT = 0.1
 
 _MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
 _MAX_AXIS_ERROR = 0.02  # [rad] of a contact beyond its pad's border
-TIP_CLEARANCE = 0.00005
-"""Least height of planned fingertips above the support [m]: they may slide on it."""
-_CLEARANCE = 0.0004  # [m] of the hand's other links from the support
+# Least height of planned fingertips above the support, on which they may slide [m], and of planned
+# contacts of jaws, which would stick to it and are bent aside.
+_TIP_CLEARANCE, _LOWEST_JAW_CONTACT = 0.00005, 0.0006
+_CLEARANCE, _SPARE = 0.0004, 0.0003  # [m] of other links from the support; more for a first guess
 _ARM_CLEARANCE = 0.001  # [m] the same of a hand on an arm, which sags by up to 1 mm
 # An opened hand on an arm is free to go on by this [m]: the palm keeps off the object.
 _ARM_ERROR = 0.002
@@ -37,6 +38,11 @@ _APPROACH_STEPS, _LIFT_STEPS = 8, 6  # poses that are checked
 _FACE_DEPTH = 0.001  # [m]: parts of a link this near to the plane of its pad belong to the pad
 _BORDER = 0.0005  # [m] of a flat pad at the fingertip without contacts
 _STEEP = 0.2  # least descent of the approach per metre at which the palm rises by going back
+
+
+def lowest_contact(hand: Hand) -> float:
+    """Return the least height of planned contacts above the support [m]."""
+    return _TIP_CLEARANCE if hand.slides_on_table else _LOWEST_JAW_CONTACT
 
 
 class CandidateFilter:
@@ -68,15 +74,20 @@ class CandidateFilter:
         self._reach_check = None if reach is None else reach.reach_check(mesh)
         self._hand = hand
         clearance, beyond = (_CLEARANCE, 0.0) if reach is None else (_ARM_CLEARANCE, _ARM_ERROR)
-        # Fingertips feel the support: an arm that goes too far stops there.
-        self._tips_lower = {"grasp": clearance, "approach": clearance + beyond}
+        self._tips_lower = {"grasp": 0.0, "approach": 0.0}
+        self._floor = -np.inf if support_height is None else support_height
+        if hand.slides_on_table:
+            # Fingertips feel the support: an arm that goes too far stops there.
+            self._tips_lower = {"grasp": clearance, "approach": clearance + beyond}
+            self._floor += _TIP_CLEARANCE
+        else:
+            self._floor += clearance + _SPARE + beyond
         self._checker = HandCollisionChecker(
             hand, mesh, support_height=support_height, clearance=clearance, obstacles=obstacles
         )
         self._filter = HandPoseFilter(hand, mesh)
         self._is_fixed = np.isin(hand.fingers, hand.fixed_fingers)  # (F,)
         self._opening = np.where(self._is_fixed, 0.0, 1.0 + self._is_fixed.any())[:, None]
-        self._support = support_height
         self._offsets = fingertip_offsets(hand)
         self.rejected: Counter[str] = Counter()
 
@@ -119,14 +130,14 @@ class CandidateFilter:
         support, or until the contacts are at the fingertips.
         """
         longest = float(np.linalg.norm(self._offsets, axis=1).min())
-        if self._support is None or longest <= 0.0:
+        if not np.isfinite(self._floor) or longest <= 0.0:
             return batch
         X_OH, used = batch.X_OH.copy(), batch.used[..., None]
         off = np.where(used, batch.points - self._hand.pad_centers(X_OH, batch.q), 0.0)
         X_OH[:, :3, 3] += off.sum(axis=1) / used.sum(axis=1)  # pads at their centres
         approach = rotate(X_OH, self._hand.approach_H)
         poses = X_OH[:, None] @ self._checker.poses_in_hand(batch.q)
-        low = self._support + TIP_CLEARANCE - self._checker.lowest(poses)
+        low = self._floor - self._checker.lowest(poses)
         back = np.clip(low / np.maximum(-approach[:, 2], _STEEP), 0.0, longest)
         X_OH[:, :3, 3] -= back[:, None] * approach
         offsets = (back / longest)[:, None, None] * self._offsets

@@ -17,7 +17,7 @@ from scipy.special import ndtr
 from lis_grasp.exceptions import InvalidMeshError, require_at_least
 from lis_grasp.geometry import rotate
 from lis_grasp.grasping._antipodal_sampling import AT_RIMS, NARROW, USUAL, sample_contact_sets
-from lis_grasp.grasping._candidate_filter import TIP_CLEARANCE, CandidateFilter
+from lis_grasp.grasping._candidate_filter import CandidateFilter, lowest_contact
 from lis_grasp.grasping._contact_samples import SurfaceSamples
 from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasp_ranking import GraspScorer
@@ -143,7 +143,7 @@ class ForceClosureSampler:
                 every = {"lower_than_fingertips": self.candidates}
                 return GraspSearch((), every, self.candidates)
         rng = np.random.default_rng(rng)
-        lowest = -np.inf if support_height is None else support_height + TIP_CLEARANCE
+        lowest = -np.inf if support_height is None else support_height + lowest_contact(self.hand)
         radius = min(pad.radius for pad in self.hand.pads)
         samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, pad_radius=radius)
         candidate_filter = CandidateFilter(

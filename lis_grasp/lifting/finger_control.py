@@ -89,7 +89,8 @@ class FingerControl:
         self._closing_time = max(longest / _CLOSING_SPEED, 0.1)
         middle = 0.5 * (self._start + self._goal)
         self._bulge = np.zeros_like(middle)  # of the path of postures half way, (J,)
-        if setup.slides_on_table:
+        self._slides = setup.slides_on_table
+        if self._slides:
             batch = GraspBatch.of_grasps([grasp], hand)
             radii = np.array([pad.radius for pad in hand.pads])[:, None]
             points = apply_pose(batch.X_OH, travel.mean(axis=0)) - radii * batch.normals
@@ -129,7 +130,7 @@ class FingerControl:
         blocked = {
             finger
             for finger, contacts in self._contacts_by_finger("table").items()
-            if sum(contact.strength for contact in contacts) > _TABLE_FORCE
+            if self._slides and sum(contact.strength for contact in contacts) > _TABLE_FORCE
         }
         part = min(elapsed / self._closing_time, 1.0)
         limit = self._setup.options.search_distance

@@ -94,6 +94,8 @@ class LiftSetup:
     def slides_on_table(self) -> bool:
         """Whether fingertips are planned so near to the table that they may slide on it."""
         hand, grasp = self.hand, self.grasp
+        if not hand.slides_on_table:
+            return False
         links = hand.forward_kinematics(grasp.X_OH, grasp.joint_positions)
         heights = [
             apply_pose(links[g.link] @ g.X_LG, g.mesh.vertices)[:, 2].min()
@@ -101,7 +103,7 @@ class LiftSetup:
             if g.link in hand.fingertip_links
         ]
         off = abs(min(heights, default=np.inf) - self.support_height)
-        return not hand.fixed_fingers and bool(off < _NEAR_TABLE)
+        return bool(off < _NEAR_TABLE)
 
     @property
     def grip_friction(self) -> float:

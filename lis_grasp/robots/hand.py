@@ -123,6 +123,11 @@ class Hand(RobotModel):
         return tuple(finger for finger in self.fingers if not self.finger_joints(finger))
 
     @property
+    def slides_on_table(self) -> bool:
+        """Whether fingertips may slide on a table: jaws, with their long pads, stick to it."""
+        return self.kind == "multi_finger"
+
+    @property
     def pad_links(self) -> frozenset[str]:
         """The links that carry pads, and all that are fixed to those."""
         links = {pad.link for pad in self.pads}

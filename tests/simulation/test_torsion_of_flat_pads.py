@@ -44,6 +44,5 @@ def test_a_bar_turns_between_flat_pads_at_the_limit_of_friction(
         BAR.mesh, hand, jaw_grasp(hand, np.zeros(3), 0.05), 0.0, MASS, FRICTION, OPTIONS, np.eye(4)
     )
     limit = FRICTION * setup.grip_force(MASS) * radius / (MASS * (9.81 + SLOW_LIFT))
-    # The same friction carries the weight, and corners do not press evenly.
-    assert turn(0.8 * limit) < np.deg2rad(5.0)
+    assert turn(0.85 * limit) < np.deg2rad(5.0)
     assert turn(1.15 * limit) > np.deg2rad(10.0)
