@@ -127,10 +127,11 @@ class FingerControl:
         """Close the fingers for `interval` [s]; return whether all have finished."""
         q = self._scene.joint_positions
         measured = self._contacts_by_finger()
+        on_table = self._contacts_by_finger("table") if self._slides else {}
         blocked = {
             finger
-            for finger, contacts in self._contacts_by_finger("table").items()
-            if self._slides and sum(contact.strength for contact in contacts) > _TABLE_FORCE
+            for finger, contacts in on_table.items()
+            if sum(contact.strength for contact in contacts) > _TABLE_FORCE
         }
         part = min(elapsed / self._closing_time, 1.0)
         limit = self._setup.options.search_distance

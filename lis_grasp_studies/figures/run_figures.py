@@ -17,7 +17,7 @@ import numpy as np
 import trimesh
 from matplotlib.figure import Figure
 
-from lis_grasp.exceptions import InvalidFileError, LisGraspError
+from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.provenance import read as read_facts
 from lis_grasp.io.surface_files import load_growth
 from lis_grasp.pipeline import Run
@@ -26,7 +26,7 @@ from lis_grasp_studies.figures.painter import View
 from lis_grasp_studies.figures.static_scene import COLOURS, draw_still
 from lis_grasp_studies.figures.style import COLUMN, WIDTH, add_panel, colour_bar, head, new_figure
 from lis_grasp_studies.harness.page import Picture, write_figures
-from lis_grasp_studies.harness.program import read_options
+from lis_grasp_studies.harness.program import exit_code, read_options
 
 _HIGH, _BAR = 2.0, 0.62  # [in] of panels, and of the colour bar below them
 
@@ -86,12 +86,11 @@ def _drawn(run: Run, stages: Sequence[tuple[int, trimesh.Trimesh]], width: float
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the figures; return the exit code."""
     options = read_options(__doc__, arguments, folder=Path, figures=Path("figures"))
-    try:
+
+    def work() -> None:
         write_figures(options.figures, [run_picture(Run.load(options.folder))])
-    except LisGraspError as error:
-        print(f"run_figures: {error}", file=sys.stderr)
-        return 1
-    return 0
+
+    return exit_code("run_figures", work)
 
 
 if __name__ == "__main__":

@@ -13,13 +13,13 @@ from html import escape
 from pathlib import Path
 from urllib.parse import quote
 
-from lis_grasp.exceptions import InvalidFileError, LisGraspError
+from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.pipeline import Run
 from lis_grasp.pipeline.summary import headline
 from lis_grasp_studies.figures.static_scene import draw_still
 from lis_grasp_studies.figures.style import add_panel, new_figure, png_of
-from lis_grasp_studies.harness.program import read_options
+from lis_grasp_studies.harness.program import exit_code, read_options
 
 _SIZE = 2.0  # [in] of a picture
 _HEAD = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Runs</title><style>
@@ -58,12 +58,7 @@ def _card(run: Run) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the page; return the exit code."""
     options = read_options(__doc__, arguments, folder=Path)
-    try:
-        print(f"wrote {write_index(options.folder)}")
-    except LisGraspError as error:
-        print(f"run_index: {error}", file=sys.stderr)
-        return 1
-    return 0
+    return exit_code("run_index", lambda: print(f"wrote {write_index(options.folder)}"))
 
 
 if __name__ == "__main__":

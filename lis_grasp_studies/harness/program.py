@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, LisGraspError
 
 if TYPE_CHECKING:
     from lis_grasp_studies.harness.runner import Scheduler
@@ -52,6 +53,16 @@ def read_options(
             options["type"] = type(default)
         parser.add_argument(flag, **options)
     return parser.parse_args(arguments)
+
+
+def exit_code(program: str, work: Callable[[], object]) -> int:
+    """Do the work of a program; return 0, or 1 after its error was printed."""
+    try:
+        work()
+    except LisGraspError as error:
+        print(f"{program}: {error}", file=sys.stderr)
+        return 1
+    return 0
 
 
 def add_estimator(parser: argparse.ArgumentParser) -> None:
