@@ -78,8 +78,7 @@ def explore_steps(
 ) -> Iterator[ExplorationState]:
     """Explore as `explore` does; yield the state before the first probe, after each, and the end.
 
-    The last state is the one before it, with the reason for the end. What is beyond the ends of an
-    object in a region is then free space of its contacts.
+    The last state is that of `end`.
     """
     if setup.tracker is not None and not isinstance(prober, MovingProber):
         raise InvalidOptionError(
@@ -93,7 +92,7 @@ def explore_steps(
         draws = rng.spawn(1)[0]
         chosen = choose(setup, state, rng=draws)
         if isinstance(chosen, str):
-            yield _ended(setup, state, chosen)
+            yield end(setup, state, chosen)
             return
         outcome = prober.probe(chosen.probe, chosen.obstacles)
         if setup.sensor is not None:
@@ -212,7 +211,8 @@ def _estimated(
     return replace(state, estimated=estimated, surface=surface, is_new=is_new, rules=rules)
 
 
-def _ended(setup: ExplorationSetup, state: ExplorationState, reason: str) -> ExplorationState:
+def end(setup: ExplorationSetup, state: ExplorationState, reason: str) -> ExplorationState:
+    """Return the state at the end: what is beyond ends in a region is free space."""
     if not isinstance(setup.space, Region) or len(state.prior):
         return replace(state, ended=reason)
     space = setup.space.fitted_to(state.contacts)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,8 @@ import trimesh
 from threadpoolctl import threadpool_limits
 
 from lis_grasp.exceptions import EstimationError, InvalidMeshError
-from lis_grasp.exploration import Exploration, ExplorationState, ProbeOutcome, TouchLog
+from lis_grasp.exploration import Exploration, ExplorationState, ProbeOutcome, TouchLog, begin
+from lis_grasp.exploration.loop import end
 from lis_grasp.exploration.policy import POLICY_NAMES
 from lis_grasp.grasping.hand_capacity import narrowest_width
 from lis_grasp.io import provenance
@@ -26,7 +26,7 @@ from lis_grasp.pipeline.progress import SILENT, Progress, StageProgress
 from lis_grasp.pipeline.results_folder import LOG, remove_made_from, results_folder
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import Scenario
-from lis_grasp.pipeline.stages import make_prober, touch_steps
+from lis_grasp.pipeline.stages import exploration_setup, make_prober, touch_steps
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import opening_range
 from lis_grasp.robots.shipped_models import HAND_REGISTRY, hand_path
@@ -70,8 +70,8 @@ def explore_into(
     title = f"Touching {scenario.truth.shape.name} with {known.hand.name}"
     with progress.stage(title) as stage:
         if ending is not None:
-            replayed = Exploration.replay(recorded, touches=known.touches)
-            exploration = replace(replayed, ended=ending)
+            setup = exploration_setup(known)
+            exploration = end(setup, begin(setup, recorded), ending).result
         else:
             prober = make_prober(scenario, recorded, arm_use)
             steps = touch_steps(scenario, prober, recorded)

@@ -6,7 +6,7 @@ a region of a table, with a realistic sensor.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import trimesh
@@ -14,7 +14,8 @@ import trimesh
 from lis_grasp import Hand, pipeline
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_radius
-from lis_grasp.exploration import Exploration
+from lis_grasp.exploration import begin
+from lis_grasp.exploration.loop import end
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.conditions import UNKNOWN
 from lis_grasp.pipeline.scenario import place_object
@@ -56,7 +57,8 @@ def measure_exploration(trial: ExplorationTrial, policy: str) -> list[Row]:
     )
     outcomes, rows = pipeline.touch(scenario).outcomes, []
     for count in counts:
-        part = Exploration.replay(outcomes, touches=count)
+        setup = replace(pipeline.stages.exploration_setup(scenario.known), touches=count)
+        part = end(setup, begin(setup, outcomes), "").result
         _, mesh = pipeline.estimate(scenario.known, part.contacts)
         error, ends = surface_error(mesh, shape, samples=2000), end_errors(mesh, shape.mesh)
         coverage = reachable_coverage(

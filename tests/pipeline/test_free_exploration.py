@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from lis_grasp import pipeline
+from lis_grasp.contacts import HALF_SPACE
 from lis_grasp.exploration import Exploration, Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.pipeline.conditions import UNKNOWN
 from lis_grasp.pipeline.exploring import explore_into
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
@@ -73,3 +75,12 @@ def test_an_ended_exploration_is_not_continued(
     again = explore_into(tmp_path, scenario)
     assert again.ended == first.ended
     np.testing.assert_array_equal(again.contacts.points, first.contacts.points)
+
+
+def test_an_ended_exploration_keeps_the_space_beyond_its_ends(tmp_path: Path) -> None:
+    config = pipeline.RunConfig(**{**UNKNOWN, "free": False}, prober="kinematic", touches=8)
+    first, again = (
+        explore_into(tmp_path, pipeline.Scenario.from_config(config)).contacts for _ in range(2)
+    )
+    assert np.any(first.free_radii == HALF_SPACE)
+    np.testing.assert_array_equal(again.free_points, first.free_points)
