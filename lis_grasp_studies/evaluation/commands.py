@@ -32,6 +32,15 @@ THIS, BESIDE = "this", "beside"
 """Variants of commands: this package, and another version in a folder."""
 
 _PROGRAM = (sys.executable, "-m", "lis_grasp.cli.main")
+# A small process between: on Linux a started program inherits the peak memory of its starter.
+_STOPWATCH = """
+import json, os, subprocess, sys, time
+start = time.perf_counter()
+command = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL)
+_, status, use = os.wait4(command.pid, 0)
+times = time.perf_counter() - start, use.ru_utime + use.ru_stime
+print(json.dumps([os.waitstatus_to_exitcode(status), *times, use.ru_maxrss]))
+"""
 _QUERIES = 200_000
 _MEASURED = 11  # answers, about the wanted number of contacts
 _BUDGET = 0.5  # [s] of repetitions of one call
@@ -79,23 +88,18 @@ def measure_command(trial: CommandTrial, variant: str) -> Row:
 
 
 def _run(command: list[str], folder: str, environment: dict[str, str]) -> Row:
-    start = time.perf_counter()
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:
         # The folder of the process is its own: Python would find the package of this one first.
-        process = subprocess.Popen(
-            command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=errors
-        )
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
+        watch = [sys.executable, "-IS", "-c", _STOPWATCH, *command]
+        output = subprocess.run(
+            watch, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=errors, check=True
+        ).stdout
         errors.seek(0)
         said = errors.read().strip().splitlines()
-    row: Row = {
-        "wall": time.perf_counter() - start,
-        "processor": usage.ru_utime + usage.ru_stime,
-        "memory": usage.ru_maxrss / 1024.0,
-    }
-    if process.returncode:
-        row |= {"held": False, "reason": said[-1] if said else f"exit {process.returncode}"}
+    status, wall, processor, memory = json.loads(output)
+    row: Row = {"wall": wall, "processor": processor, "memory": memory / 1024.0}
+    if status:
+        row |= {"held": False, "reason": said[-1] if said else f"exit {status}"}
     return row
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
@@ -12,12 +14,13 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar, Literal
 
+import numpy as np
 import pytest
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.io.json_lines import Row
 from lis_grasp_studies.cli import evaluate
-from lis_grasp_studies.evaluation import configuration, results
+from lis_grasp_studies.evaluation import commands, configuration, results
 from lis_grasp_studies.evaluation.configuration import KINDS, SHIPPED, Configuration
 from lis_grasp_studies.evaluation.grasp_tables import (
     attempts_table,
@@ -263,6 +266,13 @@ def test_one_command_measures_stores_and_reports(tmp_path: Path) -> None:
     (output / "rows.jsonl").unlink()
     call(str(file), "--report-only", "--output", str(output))
     assert json.loads((output / "numbers.json").read_text()) == numbers
+
+
+def test_memory_of_a_command_is_not_that_of_the_process_that_starts_it(tmp_path: Path) -> None:
+    ballast = np.ones(2**25)
+    row = commands._run([sys.executable, "-c", "b'1' * 2**26"], str(tmp_path), dict(os.environ))
+    assert 64 < row["memory"] < ballast.nbytes / 2**20
+    assert row["wall"] > 0.0 < row["processor"]
 
 
 def test_mistakes_are_named(tmp_path: Path) -> None:
