@@ -7,6 +7,7 @@ from operator import itemgetter
 from typing import Any, ClassVar, Literal
 
 from lis_grasp.io.json_lines import Row
+from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp_studies.evaluation.grasp_tables import (
     REFERENCE,
     SUBJECT,
@@ -34,7 +35,8 @@ from lis_grasp_studies.study.comparison import pairs_of
 from lis_grasp_studies.study.tables import calibration_table, reasons_table, summary_table
 from lis_grasp_studies.study.trial import Setup, Trial
 
-_UNKNOWN = Setup(prober="dynamic", conditions="unknown")
+# Objects are touched as a run does by default.
+_UNKNOWN = Setup(prober="dynamic", conditions="unknown", policy=RunConfig().policy)
 
 
 class LiftsPart(Part):
