@@ -152,7 +152,8 @@ def say_search(search: GraspSearch) -> None:
         fingers = ", ".join(best.contact_fingers)
         say(
             f"best grasp: predicted success {best.quality['success_probability']:.2f},"
-            f" epsilon {best.quality['epsilon']:.3f}, with {fingers}"
+            f" epsilon {best.quality['epsilon']:.3f}, {best.family.replace('_', ' ')} with"
+            f" {fingers}"
         )
         return
     from lis_grasp.pipeline.reasons import rejection_sentence

@@ -11,6 +11,7 @@ from lis_grasp.geometry import cross, make_pose, unit
 from lis_grasp.grasping._contact_samples import SEARCH_RADIUS, SurfaceSamples
 from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.robots.hand import Hand, thumb_of
+from lis_grasp.robots.robot_model import GraspFamily
 from lis_grasp.typing import BoolArray, FloatArray
 
 # Sines of the thumb's largest angle with the horizontal: it pushes sideways, or is under a rim.
@@ -105,6 +106,15 @@ def sample_contact_sets(
     points[bent], normals[bent] = samples.project(points[bent], normals[bent])
     X_OH, q = _initial_postures(hand, points + _radii(hand)[:, None] * normals, used, R_OH)
     return GraspBatch(points, normals, used, X_OH, q), rejected
+
+
+def family_of(
+    hand: Hand, X_OH: FloatArray, q: FloatArray, normals: FloatArray, floor: float
+) -> GraspFamily:
+    """Return the family of a grasp with contact normals (C, 3), on a support at a height [m]."""
+    if normals[:, 2].min() < -_STEEPEST and normals[:, 2].max() > _STEEPEST:
+        return "rim"
+    return "table" if hand.slides_at(X_OH, q, floor) else "pinch"
 
 
 def _radii(hand: Hand) -> FloatArray:

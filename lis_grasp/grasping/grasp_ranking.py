@@ -14,6 +14,7 @@ import numpy.typing as npt
 import trimesh
 
 from lis_grasp.geometry import rotate
+from lis_grasp.grasping._antipodal_sampling import family_of
 from lis_grasp.grasping.contact_wrenches import WrenchModel, inertial_metric, wrench_model
 from lis_grasp.grasping.epsilon import (
     ROBUST_FRACTION,
@@ -213,6 +214,7 @@ class GraspScorer:
             quality=quality | {"grip": -float(np.sum(forces * normals))},
             accepted=f"force closure at friction {self._prior.friction:g}, reached, free of"
             " collision",
+            family=family_of(hand, batch.X_OH[k], batch.q[k], normals, self._contacts.floor),
         )
 
     def loads_per_grip(self, batch: GraspBatch) -> FloatArray:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Protocol, overload
+from typing import Any, Protocol, get_args, overload
 
 import numpy as np
 import trimesh
@@ -15,6 +15,7 @@ import trimesh
 from lis_grasp.exceptions import InvalidOptionError, NoGraspError, require_positive
 from lis_grasp.io.grasp_files import read_grasp_file, write_grasp_file
 from lis_grasp.records import Record, fields_of, read_only, reduce_record, short_repr
+from lis_grasp.robots.robot_model import GraspFamily
 from lis_grasp.shapes.object_mass import USUAL_FRICTION, USUAL_MASS
 from lis_grasp.typing import FloatArray
 
@@ -46,11 +47,13 @@ class Grasp(Record):
         Values by name; ``"epsilon"`` is always there.
     accepted
         Why it was accepted, in words.
+    family
+        Kind of the grasp, one of `Hand.families`. Files of 1.4 have pinches only.
 
     Raises
     ------
     InvalidOptionError
-        If shapes disagree or a number is not finite.
+        If shapes disagree, a number is not finite, or there is no such family.
 
     Examples
     --------
@@ -71,6 +74,7 @@ class Grasp(Record):
     contact_forces: FloatArray
     quality: Mapping[str, float]
     accepted: str
+    family: GraspFamily = "pinch"
 
     __repr__ = short_repr
 
@@ -93,6 +97,11 @@ class Grasp(Record):
                     option=name,
                 )
             object.__setattr__(self, name, read_only(array))
+        if self.family not in (families := get_args(GraspFamily)):
+            raise InvalidOptionError(
+                f"a grasp's family must be one of {', '.join(families)}; it is '{self.family}'",
+                option="family",
+            )
         for name in ("joint_names", "contact_fingers"):
             if not all(isinstance(item, str) for item in getattr(self, name)):
                 raise InvalidOptionError(f"a grasp's {name} must be texts", option=name)

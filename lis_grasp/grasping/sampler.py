@@ -6,7 +6,7 @@ import logging
 from collections import Counter
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -138,7 +138,8 @@ class ForceClosureSampler:
             if low.hand is not self.hand:
                 found = low.sample(mesh, rng=rng, support_height=support_height, count=count)
                 if len(found):
-                    return found
+                    flat = (replace(grasp, family="flat_faces") for grasp in found)
+                    return replace(found, grasps=tuple(flat))
             if height < least_pinched_height(self.hand, self.prior.friction):
                 every = {"lower_than_fingertips": self.candidates}
                 return GraspSearch((), every, self.candidates)
@@ -163,7 +164,7 @@ class ForceClosureSampler:
                 mesh, lowest=lowest, rng=rng, bends=True, pad_radius=radius
             )
             search.draw_enough(2 * self.candidates, count)
-        for search.limits in (NARROW, AT_RIMS):
+        for search.limits in (NARROW, AT_RIMS) if "rim" in self.hand.families else (NARROW,):
             if not len(search):
                 search.draw_enough(search.drawn + self.candidates // 4, count)
         search.refine(count)

@@ -41,6 +41,7 @@ class _Grasp(FileRecord):
     contacts: list[_Contact]
     quality: dict[str, Number]
     accepted: str
+    family: str = "pinch"  # the only one of 1.4
 
 
 class _Search(FileRecord):
@@ -95,6 +96,7 @@ def _to_plain(grasp: Mapping[str, Any]) -> dict[str, Any]:
         "contacts": [dict(zip(_CONTACT, row, strict=True)) for row in rows],
         "quality": dict(grasp["quality"]),
         "accepted": grasp["accepted"],
+        "family": grasp["family"],
     }
 
 

@@ -12,7 +12,7 @@ from lis_grasp.arms.grasp_motion import plan_transit
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.trajectory import JointTrajectory
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError, require_positive
-from lis_grasp.geometry import apply_pose, inverse_pose
+from lis_grasp.geometry import inverse_pose
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.lifting.outcome import LiftOptions, Reason
 from lis_grasp.robots.hand import Hand
@@ -32,8 +32,6 @@ WRIST_LIMITS = (150.0, 15.0)
 _FULL_EFFORT_ERROR = {"revolute": 0.1, "prismatic": 0.01}  # [rad], [m]
 _RESERVE = 3.0  # times the effort that the largest contact force needs
 _DAMPING_TIME = 0.035  # [s], damping by stiffness
-# Fingertips that are planned this near to the table [m] may slide on it.
-_NEAR_TABLE = 0.002
 # The same transit is planned for the same grasp.
 _SEED = 0
 
@@ -93,17 +91,8 @@ class LiftSetup:
     @property
     def slides_on_table(self) -> bool:
         """Whether fingertips are planned so near to the table that they may slide on it."""
-        hand, grasp = self.hand, self.grasp
-        if not hand.slides_on_table:
-            return False
-        links = hand.forward_kinematics(grasp.X_OH, grasp.joint_positions)
-        heights = [
-            apply_pose(links[g.link] @ g.X_LG, g.mesh.vertices)[:, 2].min()
-            for g in hand.link_geometries
-            if g.link in hand.fingertip_links
-        ]
-        off = abs(min(heights, default=np.inf) - self.support_height)
-        return bool(off < _NEAR_TABLE)
+        grasp = self.grasp
+        return self.hand.slides_at(grasp.X_OH, grasp.joint_positions, self.support_height)
 
     @property
     def grip_friction(self) -> float:

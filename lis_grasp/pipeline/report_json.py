@@ -136,8 +136,10 @@ def _attempt_facts(attempt: Attempt) -> dict[str, Any]:
     outcome = attempt.outcome
     facts: dict[str, Any] = {"grasp": None, "success_probability": None}
     if outcome is not None:
-        quality = attempt.search.grasps[attempt.rank].quality
+        grasp = attempt.search.grasps[attempt.rank]
+        quality = grasp.quality
         facts = {"grasp": attempt.rank + 1, "success_probability": quality["success_probability"]}
+        facts["family"] = grasp.family
     return {
         **facts,
         "measured_contacts": 0 if outcome is None else len(outcome.measured_contacts),

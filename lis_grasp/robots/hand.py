@@ -11,9 +11,11 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
+from lis_grasp.geometry import apply_pose
 from lis_grasp.records import made_by
 from lis_grasp.robots.kinematics import Kinematics
 from lis_grasp.robots.robot_model import (
+    GraspFamily,
     HandKind,
     Pad,
     ProbePosture,
@@ -26,6 +28,8 @@ from lis_grasp.typing import FloatArray
 
 SEATING = 0.012
 """Last part of the approach of a hand with a fixed jaw [m], at whose end that jaw touches."""
+# Fingertips that are planned this near to the table [m] may slide on it.
+_NEAR_TABLE = 0.002
 
 
 @made_by("load")
@@ -72,6 +76,8 @@ class Hand(RobotModel):
         Shape (4, 4): the base link in the flange frame of an arm; None for the default mount.
     low_objects
         File of the same hand with narrower pads, for objects lower than its round pads; or None.
+    families
+        Kinds of grasps that the hand can do.
 
     Examples
     --------
@@ -90,6 +96,7 @@ class Hand(RobotModel):
     max_contact_force: float
     X_FB: FloatArray | None = None
     low_objects: Path | None = None
+    families: tuple[GraspFamily, ...] = ("pinch",)
 
     @classmethod
     def load(cls, path_or_name: str | Path) -> Hand:
@@ -108,7 +115,8 @@ class Hand(RobotModel):
 
     def for_height(self, height: float) -> Hand:
         """Return the hand with the pads for an object of a height [m] above its support."""
-        if self.low_objects is None or height >= 2.0 * min(pad.radius for pad in self.pads):
+        high = height >= 2.0 * min(pad.radius for pad in self.pads)
+        if high or self.low_objects is None or "flat_faces" not in self.families:
             return self
         return Hand.load(self.low_objects)
 
@@ -125,7 +133,19 @@ class Hand(RobotModel):
     @property
     def slides_on_table(self) -> bool:
         """Whether fingertips may slide on a table: jaws, with their long pads, stick to it."""
-        return self.kind == "multi_finger"
+        return "table" in self.families
+
+    def slides_at(self, X_OH: npt.ArrayLike, q: npt.ArrayLike, height: float) -> bool:
+        """Return whether fingertips are so near to a table at a height [m] that they may slide."""
+        if not self.slides_on_table:
+            return False
+        links, tips = self.forward_kinematics(X_OH, q), self.fingertip_links
+        heights = [
+            apply_pose(links[g.link] @ g.X_LG, g.mesh.vertices)[:, 2].min()
+            for g in self.link_geometries
+            if g.link in tips
+        ]
+        return bool(abs(min(heights, default=np.inf) - height) < _NEAR_TABLE)
 
     @property
     def pad_links(self) -> frozenset[str]:

@@ -17,6 +17,9 @@ from lis_grasp.typing import FloatArray
 JointKind = Literal["revolute", "prismatic", "fixed"]
 GeometryKind = Literal["box", "sphere", "cylinder", "capsule", "mesh"]
 HandKind = Literal["multi_finger", "parallel_jaw"]
+GraspFamily = Literal["pinch", "table", "rim", "flat_faces"]
+"""Kinds of grasps: fingertips on opposite sides; the same with fingertips that slide on the table;
+a wall or plate from above and below; with the flat faces that the hand has for low objects."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

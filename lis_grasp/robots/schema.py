@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from lis_grasp.robots.robot_model import HandKind
+from lis_grasp.robots.robot_model import GraspFamily, HandKind
 
 # No length, angle or force of a hand is larger [m, rad, N].
 _LARGEST = 1e6
@@ -126,6 +126,11 @@ class HandEntry(_RobotEntry):
     low_objects: Name | None = Field(
         default=None,
         description="File of the same hand with narrower pads, for objects lower than round pads.",
+    )
+    families: list[GraspFamily] | None = Field(
+        default=None,
+        description="Kinds of grasps that the hand can do, pinch always; by default pinch and rim,"
+        " table if its fingertips are rounded, flat_faces with low_objects.",
     )
     probe_postures: dict[Name, ProbeEntry] = Field(
         default_factory=dict,

@@ -33,7 +33,14 @@ from lis_grasp.robots._description import (
 from lis_grasp.robots.arm_defaults import find_arm_exclusions, find_home, flange_frame
 from lis_grasp.robots.kinematics import ArmKinematics
 from lis_grasp.robots.model_uri import resolve_model
-from lis_grasp.robots.robot_model import Pad, ProbePosture, RobotModel, by_joint_kind, rpy_pose
+from lis_grasp.robots.robot_model import (
+    GraspFamily,
+    Pad,
+    ProbePosture,
+    RobotModel,
+    by_joint_kind,
+    rpy_pose,
+)
 from lis_grasp.robots.schema import ArmEntry, HandEntry
 from lis_grasp.robots.shipped_models import arm_path, hand_path
 from lis_grasp.typing import FloatArray
@@ -193,7 +200,20 @@ def _hand_fields(checks: _Checks) -> dict[str, Any]:
         "self_collision_exclusions": checks.exclusions() | joined,
         "max_contact_force": entry.max_contact_force,
         "X_FB": None if entry.mount is None else _pose(entry.mount),
+        "families": _families(checks),
     }
+
+
+def _families(checks: _Checks) -> tuple[GraspFamily, ...]:
+    entry = checks.entry
+    if entry.families is None:
+        table = ("table",) if entry.kind == "multi_finger" else ()
+        return ("pinch", "rim", *table, *(("flat_faces",) if entry.low_objects else ()))
+    if "pinch" not in entry.families:
+        checks.fail("families", "must contain pinch, of which all others are kinds")
+    if "flat_faces" in entry.families and entry.low_objects is None:
+        checks.fail("families", "contains flat_faces, whose file low_objects must name")
+    return tuple(dict.fromkeys(entry.families))
 
 
 def _probe_postures(checks: _Checks) -> dict[str, ProbePosture]:

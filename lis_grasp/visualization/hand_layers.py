@@ -62,7 +62,7 @@ def draw_grasps(canvas: Canvas, grasps: Sequence[Grasp]) -> None:
         quality = ", ".join(f"{name} {value:.3g}" for name, value in grasp.quality.items())
         turn = rank - 1 if rank <= len(GRASP_COLOURS) else 1 + (rank - 2) % (len(GRASP_COLOURS) - 1)
         label = f"Grasp {rank}" + (", the best" if rank == 1 and len(grasps) > 1 else "")
-        detail = f"{grasp.accepted}: {quality}"
+        detail = f"{grasp.family}, {grasp.accepted}: {quality}"
         canvas.layers.append(
             Layer(f"grasp-{rank}", label, True, GRASP_COLOURS[turn], _note(grasp), detail)
         )

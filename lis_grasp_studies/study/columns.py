@@ -39,7 +39,7 @@ COLUMNS = (
     *("key", "object", "object_digest", "edged", "hand", "touches", "noise", "seed", "estimator"),
     *("held", "lifted", "reason", "executed", "slip", "turn", "acceleration_survived"),
     *("epsilon_estimate", "epsilon_truth", "epsilon_gap"),
-    *("closure_probability", "success_probability"),
+    *("closure_probability", "success_probability", "family"),
     *("grasps_found", "candidates", "rejections"),
     *("rmsd", "rmsd_truth_to_estimate", "edge_rmsd", "hausdorff_95", "chamfer"),
     *("f_score_1mm", "f_score_2mm", "f_score_5mm", "iou", "normal_error", "coverage"),
@@ -87,6 +87,7 @@ def quality_columns(best: Grasp, truth: trimesh.Trimesh, trial: Trial, hand: Han
         "epsilon_gap": on_estimate - on_truth,
         "closure_probability": float(best.quality["closure_probability"]),
         "success_probability": float(best.quality["success_probability"]),
+        "family": best.family,
     }
 
 

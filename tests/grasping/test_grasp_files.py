@@ -92,3 +92,17 @@ def test_a_grasp_cannot_be_changed() -> None:
     grasp = make_grasp()
     with pytest.raises(ValueError, match="read-only"):
         grasp.X_OH[0, 0] = 2.0
+
+
+def test_a_family_is_kept_and_files_without_one_hold_pinches(tmp_path: Path) -> None:
+    path = tmp_path / "g.json"
+    GraspSearch((make_grasp(family="rim"),)).save(path)
+    assert GraspSearch.load(path).best.family == "rim"
+    content = json.loads(path.read_text())
+    del content["grasps"][0]["family"]
+    path.write_text(json.dumps(content))
+    assert GraspSearch.load(path).best.family == "pinch"
+    content["grasps"][0]["family"] = "toss"
+    path.write_text(json.dumps(content))
+    with pytest.raises(InvalidFileError, match="family must be one of pinch, table, rim"):
+        GraspSearch.load(path)

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 
 from lis_grasp import ForceClosureSampler, GraspSearch, Hand
+from lis_grasp.grasping._antipodal_sampling import family_of
 from lis_grasp.grasping._candidate_filter import fingertip_offsets
 from lis_grasp.grasping._contact_samples import SurfaceSamples
 from lis_grasp.grasping.contact_wrenches import inertial_metric, wrench_model
@@ -223,4 +224,25 @@ def test_a_hand_with_thick_fingertips_takes_its_narrow_pads_for_a_low_object(
     thick.write_text(thick.read_text() + "low_objects: narrow.yaml\n")
     hand = Hand.load(thick)
     assert hand.for_height(0.031) is hand  # a ball of 15 mm touches it at its equator
-    assert _plan(hand, strip).best.contact_points[:, 2].max() <= 0.004
+    best = _plan(hand, strip).best
+    assert best.contact_points[:, 2].max() <= 0.004
+    assert best.family == "flat_faces"
+
+
+@pytest.mark.parametrize(
+    ("up", "down", "floor", "family"),
+    [(0.7, -0.7, -1.0, "rim"), (0.7, 0.7, -1.0, "pinch"), (0.0, 0.0, 0.0, "table")],
+)
+def test_a_grasp_is_named_by_where_it_pushes_and_by_what_it_slides_on(
+    up: float, down: float, floor: float, family: str
+) -> None:
+    q = ALLEGRO.pregrasps["medium"]
+    links = ALLEGRO.forward_kinematics(np.eye(4), q)
+    tips = [g for g in ALLEGRO.link_geometries if g.link in ALLEGRO.fingertip_links]
+    lowest = min((links[g.link] @ g.X_LG @ _corners(g.mesh))[2].min() for g in tips)
+    normals = np.array([[np.sqrt(1.0 - z * z), 0.0, z] for z in (up, down)])
+    assert family_of(ALLEGRO, np.eye(4), q, normals, lowest + floor) == family
+
+
+def _corners(mesh: trimesh.Trimesh) -> np.ndarray:
+    return np.column_stack([mesh.vertices, np.ones(len(mesh.vertices))]).T

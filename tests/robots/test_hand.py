@@ -216,6 +216,31 @@ def shipped(tmp_path: Path) -> tuple[dict[str, Any], Path]:
     return yaml.safe_load((folder / "wsg50.yaml").read_text()), tmp_path / "mine.yaml"
 
 
+@pytest.mark.parametrize(
+    ("given", "mistake"),
+    [
+        (["table"], "families must contain pinch"),
+        (["pinch", "flat_faces"], "families contains flat_faces, whose file low_objects"),
+        (["pinch", "toss"], "must be 'pinch', 'table', 'rim' or 'flat_faces'"),
+    ],
+)
+def test_families_that_a_hand_cannot_do_are_named(
+    tmp_path: Path, given: list[str], mistake: str
+) -> None:
+    document, path = shipped(tmp_path)
+    path.write_text(yaml.safe_dump(document | {"families": given}))
+    with pytest.raises(InvalidHandError, match=mistake):
+        Hand.load(path)
+
+
+def test_a_hand_does_the_families_of_its_yaml_or_those_of_its_kind(tmp_path: Path) -> None:
+    document, path = shipped(tmp_path)
+    path.write_text(yaml.safe_dump(document | {"families": ["pinch", "table"]}))
+    assert Hand.load(path).slides_on_table
+    assert Hand.load("wsg50").families == ("pinch", "rim")
+    assert Hand.load("allegro").families == ("pinch", "rim", "table")
+
+
 def test_a_hand_of_ones_own_is_read_from_its_yaml(tmp_path: Path) -> None:
     document, path = shipped(tmp_path)
     document["name"] = "mine"

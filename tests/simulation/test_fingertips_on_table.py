@@ -41,6 +41,7 @@ def test_fingertips_feel_the_table_and_lift_a_strip_of_4_mm(
     X_OH[2, 3] += off
     setup = LiftSetup(STRIP, HAND, replace(grasp, X_OH=X_OH, contact_points=points), 0.0, 0.1, 0.8)
     assert setup.slides_on_table
+    assert grasp.family == "table"
     scene = SCENES[simulator](setup)
     forces = _record_forces(scene)
     assert LiftTrial(scene, setup, None).run().held
