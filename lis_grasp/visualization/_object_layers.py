@@ -202,7 +202,7 @@ def draw_search(canvas: Canvas, region: Region, search: Sequence[ProbeOutcome]) 
     seconds = sum(outcome.duration for outcome in search)
     many = counted(len(search), "motion")
     note = f"{many}, {seconds:.0f} s, in a region of {lengths} cm"
-    canvas.layers.append(Layer("search", "Search", True, SEARCH_COLOUR, note))
+    canvas.layers.append(Layer("search", "Region, search", True, SEARCH_COLOUR, note))
 
 
 def _path(outcome: ProbeOutcome) -> list[trimesh.Trimesh]:
@@ -276,7 +276,7 @@ def draw_pose_track(canvas: Canvas, outcomes: Sequence[ProbeOutcome], center: Fl
         f"of the object's middle under touch, by up to {moved:.1f} mm (grey); tracked to within"
         f" {off:.1f} mm"
     )
-    canvas.layers.append(Layer("motion", "Motion", True, TRACKED_COLOUR, note))
+    canvas.layers.append(Layer("motion", "Object's motion", True, TRACKED_COLOUR, note))
 
 
 def _line(path: FloatArray, radius: float) -> trimesh.Trimesh:

@@ -29,7 +29,7 @@ _EXPLAINED = {
     "lift": "the best one lifts the true object and shakes it",
 }
 # Layers in the short legend, which replaces the folded panel.
-_KEYED = ("truth", "contacts", "normals", "bad", "free")
+_KEYED = ("truth", "contacts", "normals", "bad", "free", "search", "motion", "obstacles")
 
 
 def build_page(title: str, canvas: Canvas, *, overlay: str, scene: Mapping[str, Any]) -> str:

@@ -21,11 +21,12 @@ def choose_azimuth(subject: FloatArray, obstacle: FloatArray) -> float:
     """Return the camera azimuth [rad] at which the obstacle occludes the subject least.
 
     Draws both point sets (N, 3) and (M, 3) [m] into coarse depth images from 36 directions, and
-    counts the cells in which the subject is in front. Visible cells of the obstacle count a little,
-    to choose between equal views. No obstacle gives a three-quarter view.
+    counts the cells in which the subject is in front: without an obstacle, all that it covers.
+    Visible cells of the obstacle count a little, to choose between equal views. No subject gives a
+    three-quarter view.
     """
     azimuths = np.deg2rad(-55.0) + np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
-    if not len(subject) or not len(obstacle):
+    if not len(subject):
         return float(azimuths[0])
     scores = [_score(subject, obstacle, azimuth) for azimuth in azimuths]
     return float(azimuths[int(np.argmax(scores))])

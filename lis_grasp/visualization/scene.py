@@ -209,7 +209,9 @@ class Scene:
         parts = [object_points, *([] if self.estimate is None else [self.estimate.vertices])]
         drawn = outermost(np.vstack(parts))
         grid = self._draw_table(canvas, object_points, np.vstack([drawn, shown.around]))
-        azimuth = choose_azimuth(object_points, np.vstack([shown.best, shown.standing]))
+        before = np.vstack([shown.best, shown.standing])  # not to turn with a growing estimate
+        looked_at = object_points if self.truth is not None or len(before) else before
+        azimuth = choose_azimuth(looked_at, before)
         facts: Mapping[str, Any] = {
             "grasps": [[column_major(X) for X in posture] for posture in shown.postures],
             "touches": shown.touches,

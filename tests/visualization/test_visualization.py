@@ -339,6 +339,11 @@ def test_camera_looks_past_the_obstacle() -> None:
     assert np.cos(azimuth) < 0.0  # the wall is at +x, so the camera is at -x
 
 
+def test_camera_looks_at_the_broad_side_of_what_nothing_hides() -> None:
+    bar = surface_points(trimesh.creation.box((0.02, 0.2, 0.02)))
+    assert abs(np.cos(choose_azimuth(bar, np.empty((0, 3))))) > 0.8
+
+
 # ---- the server -----------------------------------------------------------------------------
 
 

@@ -162,8 +162,9 @@
       if (layers[id]) put(id, layers[id], now.name === "touch" ? on(id) : 0);
     }
     if (layers.truth) {
-      // Solid at once behind the fading estimate: two transparent surfaces would flicker.
-      const solid = !on("estimate") || !surfaces.length || truth > 0;
+      // Glass round contacts alone, too. Solid at once behind the fading estimate: two transparent
+      // surfaces would flicker.
+      const solid = truth > 0 || (surfaces.length ? !on("estimate") : !has("contacts"));
       put("truth", layers.truth, on("truth") * (solid ? 1 : 0));
       put("truth", layers.glass, on("truth") * (solid ? 0 : 1));
     }
@@ -193,7 +194,11 @@
       const pale = input.checked && seen.get(input.dataset.layer) === false;
       input.closest("li").classList.toggle("pale", pale);
     }
-    for (const chip of document.querySelectorAll("[data-chip]")) chip.hidden = !wanted.get(chip.dataset.chip);
+    for (const chip of document.querySelectorAll("[data-chip]")) {
+      chip.hidden = !wanted.get(chip.dataset.chip);
+      chip.classList.toggle("pale", seen.get(chip.dataset.chip) === false);
+    }
+    document.querySelector(".scale")?.classList.toggle("pale", seen.get("estimate") === false);
     if (!story.duration) return;
     element("time").value = String(time);
     element("clock").textContent = `${time.toFixed(1)} / ${story.duration.toFixed(1)} s`;
