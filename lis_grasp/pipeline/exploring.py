@@ -210,8 +210,8 @@ def _header(scenario: Scenario) -> str:
     loads = () if config.free or config.until_success is not None else ("mass", "friction")
     later = ("grasps", "attempts", "simulator", "obstacles", *loads)
     facts = {name: value for name, value in config.facts().items() if name not in later}
-    poses = scenario.facts()
-    return provenance.describe(**facts, support_height=poses["support_height"], X_WO=poses["X_WO"])
+    poses = {name: value for name, value in scenario.facts().items() if name != "X_EO"}
+    return provenance.describe(**facts, **poses)
 
 
 def _content(config: RunConfig) -> dict[str, str]:

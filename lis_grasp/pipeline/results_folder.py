@@ -181,10 +181,14 @@ def remove_made_from(path: Path, progress: Progress = SILENT, *, with_itself: bo
 
 
 def scene_is_outdated(directory: Path, scene: Path | None = None) -> bool:
-    """Return whether a folder's scene is missing or older than a file that it shows."""
+    """Return whether a folder's scene, or another one of it, is missing or older than its files.
+
+    The report is written after the folder's own scene, which has it.
+    """
     scene = scene or directory / "scene.html"
     if not scene.exists():
         return True
-    shown = (LOG, "contacts.ply", "surface.ply", "grasps.json", "motion.npz")
+    shown = [LOG, "contacts.ply", "surface.ply", "grasps.json", "motion.npz"]
+    shown += [] if scene.parent == directory else ["report.json"]
     times = [p.stat().st_mtime_ns for p in (directory / name for name in shown) if p.exists()]
     return max(times, default=0) > scene.stat().st_mtime_ns

@@ -14,6 +14,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.exploration import Exploration, ProbeOutcome, Region
 from lis_grasp.exploration.touch_log import read_log
+from lis_grasp.geometry import inverse_pose
 from lis_grasp.io.surface_files import load_growth
 from lis_grasp.pipeline.known import find_obstacles
 from lis_grasp.pipeline.results import SOURCES, Run
@@ -89,6 +90,9 @@ def _unfinished(
     if not header or any((folder / name).exists() for name in SOURCES):
         return None
     contacts = Exploration.replay(outcomes).contacts if outcomes else None
+    believed = outcomes[-1].tracked if outcomes else None
+    if believed is not None and "X_EA" in header:  # the frame of the contacts has moved
+        header = {**header, "X_EA": inverse_pose(believed.X_WE) @ np.asarray(header["X_EA"])}
     return Run(folder, header, contacts, None, None, None, None)
 
 

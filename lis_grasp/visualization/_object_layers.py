@@ -187,8 +187,6 @@ _END_RADIUS = 0.0035
 
 TRACKED_COLOUR, TRUE_COLOUR = "#c2571a", "#4a4a4a"
 _TRACKED_RADIUS, _TRUE_RADIUS = 0.0009, 0.0006  # [m]
-# Motions below this are not drawn [m].
-_LEAST = 1e-5
 
 
 def draw_search(canvas: Canvas, region: Region, search: Sequence[ProbeOutcome]) -> None:
@@ -261,7 +259,7 @@ def draw_pose_track(canvas: Canvas, outcomes: Sequence[ProbeOutcome], center: Fl
     reach = max(
         (float(np.ptp(path, axis=0).max()) for path in (tracked, true) if len(path)), default=0.0
     )
-    if reach < _LEAST:
+    if reach < _TRACKED_RADIUS:  # hidden in the line's own thickness
         return
     for name, path, radius, colour in (
         ("tracked", tracked, _TRACKED_RADIUS, TRACKED_COLOUR),
@@ -282,6 +280,6 @@ def draw_pose_track(canvas: Canvas, outcomes: Sequence[ProbeOutcome], center: Fl
 def _line(path: FloatArray, radius: float) -> trimesh.Trimesh:
     """Return a tube along a path (K, 3), with a ball at its end."""
     ball = trimesh.creation.icosphere(2, 3.0 * radius).apply_translation(path[-1])
-    steps = [(a, b) for a, b in pairwise(path) if np.linalg.norm(b - a) > _LEAST]
+    steps = [(a, b) for a, b in pairwise(path) if not np.allclose(a, b)]
     tubes = [trimesh.creation.cylinder(radius, segment=step, sections=8) for step in steps]
     return trimesh.util.concatenate([ball, *tubes])

@@ -126,16 +126,6 @@ def touch_facts(
     return facts
 
 
-def touching_points(facts: Sequence[dict[str, Any] | None]) -> FloatArray:
-    """Return the places (N, 3) [m] of the hand's links at touches with an arm and on approaches."""
-    points = [np.zeros((0, 3))]
-    for fact in facts:
-        if fact is not None:
-            links = np.array(fact["links"])[:, 12:15]
-            points += [links, links - fact["distance"] * np.array(fact["direction"])]
-    return np.vstack(points)
-
-
 def column_major(X: FloatArray) -> list[float]:
     """Return a pose (4, 4) as 16 numbers, column by column, rounded to 0.1 um."""
     return [round(float(v), 7) for v in X.T.ravel()]

@@ -42,7 +42,6 @@ from lis_grasp.visualization.hand_layers import (
     moved_points,
     outlines,
     touch_facts,
-    touching_points,
 )
 
 if TYPE_CHECKING:
@@ -208,7 +207,8 @@ class Scene:
         )
         parts = [object_points, *([] if self.estimate is None else [self.estimate.vertices])]
         drawn = outermost(np.vstack(parts))
-        grid = self._draw_table(canvas, object_points, np.vstack([drawn, shown.around]))
+        around = np.vstack([drawn, shown.around, shown.standing])
+        grid = self._draw_table(canvas, object_points, around)
         before = np.vstack([shown.best, shown.standing])  # not to turn with a growing estimate
         looked_at = object_points if self.truth is not None or len(before) else before
         azimuth = choose_azimuth(looked_at, before)
@@ -222,7 +222,7 @@ class Scene:
                 "object": _rounded(drawn),
                 "hand": _rounded(shown.around),
                 "moved": _rounded(shown.moved),
-                "arm": bool(len(shown.standing)),
+                "arm": _rounded(shown.standing),
             },
         }
         overlay = build_overlay(
@@ -273,16 +273,15 @@ class Scene:
         if station is not None:
             draw_pedestal(canvas, station)
         draw_grasps(canvas, grasps)
-        best = moved = standing = _NOTHING
-        around = [_NOTHING]
+        best = around = moved = standing = _NOTHING
         if motion is not None:
             draw_motion(canvas, motion, self.hand, station)
             moved = moved_points(motion, self.hand, object_points)
         if postures:
-            best, around = hand_points(self.hand, postures[0]), [outlines(self.hand, postures)]
+            best = hand_points(self.hand, postures[0])
+            around = outermost(outlines(self.hand, postures))
         if station is not None:
-            standing = standing_points(station)
-            around += [touching_points(touches), standing]
+            standing = outermost(standing_points(station))
             if motion is not None:
                 moved = outermost(np.vstack([moved, arm_points(station, motion)]))
         return _ShownHand(
@@ -290,7 +289,7 @@ class Scene:
             postures,
             touches,
             best=best,
-            around=outermost(np.vstack(around)),
+            around=around,
             standing=standing,
             moved=moved,
         )
@@ -304,7 +303,7 @@ class _ShownHand:
     postures: Sequence[list[FloatArray]] = ()  # poses of all links at the shown grasps
     touches: Sequence[dict[str, Any] | None] = ()
     best: FloatArray = field(default_factory=lambda: _NOTHING)  # of the best grasp
-    around: FloatArray = field(default_factory=lambda: _NOTHING)  # of all grasps and touches
+    around: FloatArray = field(default_factory=lambda: _NOTHING)  # of all grasps
     standing: FloatArray = field(default_factory=lambda: _NOTHING)  # of the arm at home
     moved: FloatArray = field(default_factory=lambda: _NOTHING)  # in the lift
 

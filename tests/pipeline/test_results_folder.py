@@ -125,6 +125,16 @@ def test_a_scene_older_than_its_files_is_outdated(tmp_path: Path) -> None:
     assert scene_is_outdated(tmp_path)
 
 
+def test_a_page_elsewhere_is_outdated_by_the_report(tmp_path: Path) -> None:
+    own, other, report = tmp_path / "scene.html", tmp_path / "a" / "scene.html", "report.json"
+    other.parent.mkdir()
+    for path, time in ((own, 1000), (other, 1000), (tmp_path / report, 2000)):
+        path.write_text("")
+        os.utime(path, (time, time))
+    assert scene_is_outdated(tmp_path, other)
+    assert not scene_is_outdated(tmp_path, own)  # written with the report, just before it
+
+
 def test_view_writes_an_outdated_scene_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = folder / "scene.html"
     scene.write_text("older")

@@ -279,7 +279,7 @@ def test_chapters_lead_to_where_they_begin(browser: Browser, page: str) -> None:
 def test_legend_and_player_are_in_view(
     browser: Browser, page: str, size: tuple[int, int], tmp_path: Path
 ) -> None:
-    browser.open(f"{page}#layers=contacts", size, touch=size[0] < 1000)
+    browser.open(f"{page}#layers=contacts,estimate", size, touch=size[0] < 1000)
     for part in ("#legend .bar", "#legend .ticks", "#play", "#time", "#caption", "summary h1"):
         left, top, right, bottom = browser.box(part)
         assert 0 <= left < right <= size[0]

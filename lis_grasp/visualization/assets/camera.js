@@ -5,7 +5,8 @@ const Eye = (viewer, scene, story) => {
   const element = (id) => document.getElementById(id);
   const vectors = (points) => points.map((p) => new THREE.Vector3(...p));
   const outline = scene.camera.object.concat(scene.camera.hand);
-  const box = new THREE.Box3().setFromPoints(vectors(outline));
+  const whole = outline.concat(scene.camera.arm);
+  const box = new THREE.Box3().setFromPoints(vectors(whole));
   const middle = box.getCenter(new THREE.Vector3());
   const reach = box.getSize(new THREE.Vector3()).length() / 2;
   const ramp = (to, x) => { const s = Math.min(1, Math.max(0, x / to)); return s * s * (3 - 2 * s); };
@@ -71,12 +72,10 @@ const Eye = (viewer, scene, story) => {
     const right = new THREE.Vector3(-Math.sin(a), Math.cos(a), 0);
     const axes = [right, new THREE.Vector3().crossVectors(back, right), back];
     Object.assign(viewer.camera, { fov: 28, near: 0.02 * reach, far: 60 * reach });
-    // An arm is always in the picture, the foot too.
-    const near = scene.camera.object.map(withArrows);
-    const touch = fit(scene.camera.arm ? near.concat(outline) : near, axes, free);
+    const touch = fit(scene.camera.object.map(withArrows), axes, free);
     const grasp = handShown ? fit(outline, axes, free) : touch;
     const moved = scene.camera.moved;
-    const lift = moved.length ? fit(outline.concat(moved), axes, free) : grasp;
+    const lift = moved.length ? fit(whole.concat(moved), axes, free) : grasp; // with the arm's foot
     frames = { back, touch, grasp, lift };
     aimLights(view.azimuth);
     const [dx, dy] = [(free.left + free.right - width) / 2, (free.top + free.bottom - height) / 2];
