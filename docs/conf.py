@@ -28,7 +28,7 @@ shutil.copytree(
     ignore=shutil.ignore_patterns(".ipynb_checkpoints"),
 )
 
-WORDS = 46_300
+WORDS = 46_750
 logger = logging.getLogger(__name__)
 
 project = "lis_grasp"
@@ -47,8 +47,8 @@ exclude_patterns = ["_build"]
 
 # Docstrings name code in single backticks.
 default_role = "py:obj"
-# All members, unless a page names some: True would replace those.
-autodoc_default_options = {"members": "", "member-order": "bysource"}
+# Pages name the members that they show: a default would replace those names.
+autodoc_default_options = {"member-order": "bysource"}
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented_params"
 autodoc_type_aliases = {name: name for name in ("FloatArray", "IndexArray", "ArrayLike")}
@@ -109,6 +109,14 @@ def name_types(app: Sphinx, *_: object) -> None:
             annotations[name] = _ALIAS.sub(r"\1", text.replace(_ARRAY_LIKE, "ArrayLike"))
 
 
+def show_return(
+    app: Sphinx, what: str, name: str, obj: Any, options: Any, signature: str, _: Any
+) -> tuple[str, str] | None:
+    """Move the type of what is returned from the description to the signature."""
+    returned = app.env.current_document.autodoc_annotations.get(name, {}).pop("return", "None")
+    return None if returned == "None" or signature is None else (signature, returned)
+
+
 _PARAMETER = re.compile(r":param (\w+): *((?:.+\n?)(?:[ \t]+.*\n?)*)")
 
 
@@ -159,5 +167,6 @@ def setup(app: Sphinx) -> None:
     """Register the MathML renderer and the count of words."""
     app.add_html_math_renderer("mathml", (write_inline, None), (write_block, None))
     app.connect("autodoc-process-docstring", say_once, priority=900)
+    app.connect("autodoc-process-signature", show_return, priority=900)
     app.connect("object-description-transform", name_types, priority=400)
     app.connect("build-finished", count_words)

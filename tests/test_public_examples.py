@@ -5,11 +5,14 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pydrake.all
 import pytest
 
 import lis_grasp
 from lis_grasp import Contacts, drake, pipeline
+from lis_grasp.exploration import Workspace
 
+_OF_DRAKE = ("AddMultibodyPlantSceneGraph", "DiagramBuilder", "RigidTransform")
 _VALUES = ("__version__", "pipeline.SILENT")  # have no docstring of their own
 _NAMES = [*lis_grasp.__all__, *(f"pipeline.{name}" for name in pipeline.__all__)]
 _NAMES += [f"drake.{name}" for name in drake.__all__]
@@ -35,8 +38,10 @@ def test_the_example_of_a_public_name_runs(
     monkeypatch.chdir(tmp_path)
     public = {name: getattr(lis_grasp, name) for name in lis_grasp.__all__}
     axes = np.vstack([np.eye(3), -np.eye(3)])
-    public |= {"drake": drake, **vars(drake)} if name.startswith("drake.") else {}
-    space = public | {"np": np, "contacts": Contacts(points=0.03 * axes, normals=axes)}
+    if name.startswith("drake."):
+        public |= {"drake": drake, "Workspace": Workspace, **vars(drake)}
+        public |= {of: getattr(pydrake.all, of) for of in _OF_DRAKE}
+    space = public | {"np": np, "Path": Path, "contacts": Contacts(0.03 * axes, axes)}
     value = eval(name, space)  # noqa: S307
     text = value.__doc__
     assert text, name

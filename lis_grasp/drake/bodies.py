@@ -73,8 +73,6 @@ def add_hand(
 
     Examples
     --------
-    >>> from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-    >>> from pydrake.systems.framework import DiagramBuilder
     >>> plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.002)
     >>> hand = add_hand(plant, "wsg50", name="left", parent=plant.world_frame())
     >>> plant.GetModelInstanceName(hand.instance), hand.base.name()
@@ -130,8 +128,6 @@ def add_object(
 
     Examples
     --------
-    >>> from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-    >>> from pydrake.systems.framework import DiagramBuilder
     >>> plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.002)
     >>> round(add_object(plant, "box", mass=0.3).default_mass(), 6)
     0.3

@@ -32,9 +32,9 @@ class GraspPlanner(LeafSystem):
         estimate -> GraspPlanner -> grasp, plan, joint_positions, pregrasp_positions,
                                     squeeze_efforts
 
-    ``estimate`` is that of a `SurfaceEstimator`. ``grasp`` is the best one as ``(cost, X_WG)``: one
-    less its predicted success, and the desired pose of the base link's body; ``(inf, identity)`` if
-    there is none. ``plan`` is the `GraspSearch`, with poses of the palm in E. The others are
+    ``estimate`` is that of a `SurfaceEstimator`. ``grasp`` is the best one as ``(cost, X_WG)``: 1
+    minus its predicted success, and the desired pose of the base link's body; ``(inf, identity)``
+    if there is none. ``plan`` is the `GraspSearch`, with poses of the palm in E. The others are
     vectors (J,) in the order of the hand's actuators: joint positions in contact, opened ones, and
     efforts ``J^T f`` of the planned forces. The system has no state; it plans when an output is
     used, once for each estimate, for some seconds.
@@ -67,8 +67,6 @@ class GraspPlanner(LeafSystem):
 
     Examples
     --------
-    >>> from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-    >>> from pydrake.systems.framework import DiagramBuilder
     >>> plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.002)
     >>> hand = add_hand(plant, "wsg50")
     >>> plant.Finalize()

@@ -123,8 +123,6 @@ class HapticExplorer(LeafSystem):
 
     Examples
     --------
-    >>> from lis_grasp.exploration import Workspace
-    >>> from pydrake.all import AddMultibodyPlantSceneGraph, DiagramBuilder, RigidTransform
     >>> plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.002)
     >>> hand = add_hand(plant, "wsg50")
     >>> plant.Finalize()

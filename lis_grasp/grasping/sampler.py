@@ -48,13 +48,9 @@ _SAME_SIDE = 0.5
 class ForceClosureSampler:
     """Plans grasps in force closure that the hand can reach without collision.
 
-    1. Contact sets are drawn where the surface is flat enough for a pad and supported by touches
-       (`sample_contact_sets`). If few grasps result, convex bends and narrow faces are used too;
-       if none results, fingers come closer together, then rims are pinched from above and below.
-    2. Inverse kinematics gives the palm's pose and the joints, and candidates that collide are
-       rejected (`CandidateFilter`).
-    3. `GraspScorer` rejects what is not in force closure, and predicts the success of the rest.
-    4. The best are refined: contacts beside theirs replace them where success is likelier there.
+    Contact sets are drawn (`sample_contact_sets`), reached and checked for collisions
+    (`CandidateFilter`), scored (`GraspScorer`), and the best are refined. As last resorts fingers
+    come closer together, then rims are pinched from above and below.
 
     Parameters
     ----------

@@ -91,16 +91,15 @@ def estimate_file(
     """Estimate the surface from files of contacts of one object, and write surface.ply.
 
     Its contacts are written beside it if the folder lacks them, and files that were made from an
-    earlier surface are removed. The folder is that of the first file for None. The options are
-    ``estimator``, ``free_space`` and ``keep_all``; those that are missing or None are as recorded
-    in the files, else as in `RunConfig`.
+    earlier surface are removed. The default of `folder` is that of the first file. The options are
+    ``estimator``, ``free_space`` and ``keep_all``, by default as recorded in the files, else as in
+    `RunConfig`.
 
     Raises `InvalidContactsError` if there are no contacts, `InvalidOptionError` if the folder has
     others that must be kept, `TypeError` for another option.
 
     Examples
     --------
-    >>> from pathlib import Path
     >>> contacts.save("contacts.ply")
     >>> source = pipeline.ContactSource("contacts.ply")
     >>> made = pipeline.estimate_file([source], Path("estimated"), estimator="gpis")
@@ -142,18 +141,17 @@ def grasp_file(
 ) -> GraspedFile:
     """Plan grasps on the mesh in a file, this package's or any, and write grasps.json.
 
-    Files that were made from earlier grasps are removed. The folder is that of the mesh for None.
-    `support` is the height of the plane below the object [m]; None for the recorded one, else the
-    mesh's lowest point. The options are ``hand``, ``arm``, ``base``, ``mass``, ``friction``,
-    ``load``, ``grasps``, ``seed`` and ``units``; those that are missing or None are as recorded in
-    the file, else as in `RunConfig`.
+    Files that were made from earlier grasps are removed. The default of `folder` is that of the
+    mesh. `support` is the height of the plane below the object [m], by default the recorded one,
+    else the mesh's lowest point. The options are ``hand``, ``arm``, ``base``, ``mass``,
+    ``friction``, ``load``, ``grasps``, ``seed`` and ``units``, by default as recorded in the file,
+    else as in `RunConfig`.
 
     Raises `InvalidOptionError` if a value is out of range, `InvalidFileError` or `InvalidMeshError`
     if the mesh cannot be used, `TypeError` for another option.
 
     Examples
     --------
-    >>> from pathlib import Path
     >>> _ = shapes.find("box").mesh.export("box.stl")
     >>> made = pipeline.grasp_file(Path("box.stl"), hand="wsg50", grasps=1)
     >>> made.path.name, len(made.search)
@@ -190,18 +188,16 @@ def lift_file(
 ) -> LiftedFile:
     """Simulate the lift of the true object with the grasps in a file, and write lifts.json.
 
-    The motion of the first lift is written as motion.npz. The folder is that of the grasps for
-    None. `best` is the number of grasps to lift with, `jobs` the number of processes, None for as
-    many as the machine has cores. The options are ``object``, ``size``, ``units``, ``up``, ``arm``,
-    ``base``, ``mass``, ``friction`` and ``simulator``; those that are missing or None are as
-    recorded in the file, else as in `RunConfig`.
+    The motion of the first lift is written as motion.npz. The default of `folder` is that of the
+    grasps. `best` is the number of grasps to lift with, `jobs` that of processes, by default one a
+    core. The options are ``object``, ``size``, ``units``, ``up``, ``arm``, ``base``, ``mass``,
+    ``friction`` and ``simulator``, by default as recorded in the file, else as in `RunConfig`.
 
     Raises `InvalidOptionError` if a value is out of range, or no object is given or recorded,
     `TypeError` for another option.
 
     Examples
     --------
-    >>> from pathlib import Path
     >>> _ = shapes.find("box").mesh.export("box.stl")
     >>> _ = pipeline.grasp_file(Path("box.stl"), hand="wsg50", grasps=1)
     >>> lifted = pipeline.lift_file(Path("grasps.json"), object="box")

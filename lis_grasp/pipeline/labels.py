@@ -57,10 +57,9 @@ def label_file(
 ) -> LabelledFile:
     """Simulate the lift of every grasp in a file, and write the grasps with their outcomes.
 
-    Outcomes are added to labels.jsonl as they come; the same call again goes on from there, and
-    from the beginning if the grasps, the object or an option have changed. At the end they are
-    written to grasps.parquet, one row for each grasp. Arguments and errors are as of `lift_file`,
-    but for these.
+    Outcomes are added to labels.jsonl as they come. The same call continues from there, unless the
+    grasps, the object or an option have changed. At the end grasps.parquet has one row for each
+    grasp. Further arguments and errors are as of `lift_file`.
 
     Parameters
     ----------
@@ -69,7 +68,6 @@ def label_file(
 
     Examples
     --------
-    >>> from pathlib import Path
     >>> _ = shapes.find("box").mesh.export("box.stl")
     >>> _ = pipeline.grasp_file(Path("box.stl"), hand="wsg50", grasps=1)
     >>> made = pipeline.label_file(Path("grasps.json"), object="box", jobs=1)

@@ -93,8 +93,6 @@ class TouchSensor(LeafSystem):
 
     Examples
     --------
-    >>> from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-    >>> from pydrake.systems.framework import DiagramBuilder
     >>> builder = DiagramBuilder()
     >>> plant, _ = AddMultibodyPlantSceneGraph(builder, 0.002)
     >>> hand, body = add_hand(plant, "wsg50"), add_object(plant, "box")
