@@ -68,21 +68,6 @@ class TouchLog:
         ending = next((str(row[_END]) for row in rows if _END in row), None)
         return Recording(_outcomes(self.path, probes), ending, changes)
 
-    def resume(self) -> tuple[ProbeOutcome, ...]:
-        """Return the outcomes of an exploration with the same facts, interrupted or finished.
-
-        The log of an exploration with other facts is deleted.
-
-        Raises
-        ------
-        InvalidFileError
-            If the file exists and is no touch log.
-        """
-        recording = self.read()
-        if recording.changes:
-            self.path.unlink()
-        return recording.outcomes
-
     def append(self, outcome: ProbeOutcome) -> None:
         """Add an outcome; it is on the disk when this returns."""
         append_lines(self.path, self._header(), [_row(outcome)])

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import OptimizeResult, linprog
+from scipy.optimize import linprog
 from scipy.sparse import csr_array
 
 from lis_grasp.grasping.contact_wrenches import CONE_EDGES, ContactModel, WrenchModel
@@ -142,20 +142,15 @@ def _cancelling_weights(W: FloatArray) -> FloatArray | None:
     if not span_all_dimensions(W):
         return None
     count = len(W)
-    # Unknowns: b = a - t >= 0 and t, so that every bound is the solver's own.
-    solution = _maximise(W, W.sum(axis=0), float(count))
-    # Infeasible: all wrenches are in an open half-space.
-    if solution.status != 0 or count * solution.x[-1] <= _NO_WEIGHT:
-        return None
-    return np.asarray(solution.x[:-1] + solution.x[-1])
-
-
-def _maximise(W: FloatArray, column: FloatArray, weight: float) -> OptimizeResult:
-    """Solve for (b, t) >= 0 with the largest t, W^T b + t column = 0 and sum b + weight t = 1."""
-    return linprog(
-        c=np.append(np.zeros(len(W)), -1.0),
-        A_eq=np.vstack([np.column_stack([W.T, column]), np.append(np.ones(len(W)), weight)]),
+    # Largest t; unknowns b = a - t >= 0 and t, so that every bound is the solver's own.
+    solution = linprog(
+        c=np.append(np.zeros(count), -1.0),
+        A_eq=np.vstack([np.column_stack([W.T, W.sum(axis=0)]), np.append(np.ones(count), count)]),
         b_eq=np.append(np.zeros(6), 1.0),
         bounds=(0.0, None),
         method="highs",
     )
+    # Infeasible: all wrenches are in an open half-space.
+    if solution.status != 0 or count * solution.x[-1] <= _NO_WEIGHT:
+        return None
+    return np.asarray(solution.x[:-1] + solution.x[-1])

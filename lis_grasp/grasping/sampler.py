@@ -14,7 +14,7 @@ import numpy.typing as npt
 import trimesh
 from scipy.special import ndtr
 
-from lis_grasp.exceptions import InvalidMeshError, require_at_least
+from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError, require_at_least
 from lis_grasp.geometry import rotate
 from lis_grasp.grasping._antipodal_sampling import AT_RIMS, NARROW, USUAL, sample_contact_sets
 from lis_grasp.grasping._candidate_filter import CandidateFilter, lowest_contact
@@ -86,6 +86,9 @@ class ForceClosureSampler:
         **load: Any,
     ) -> None:
         require_at_least(1, candidates=candidates)
+        if not isinstance(prior, LoadPrior | None):
+            message = "prior must be a LoadPrior: give friction= and mass= by their names"
+            raise InvalidOptionError(message, option="prior", value=prior)
         self.obstacles = obstacles
         self.hand, self.candidates, self.station = hand, candidates, station
         self.prior = LoadPrior(**load) if prior is None else prior

@@ -6,7 +6,7 @@ import json
 import os
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +19,11 @@ def whole_file(path: Path) -> Iterator[Path]:
 
     Raises `InvalidFileError` if the folder cannot be written to, or the disk is full.
     """
+    temporary = path.with_name(f".partial-{secrets.token_hex(8)}{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".partial-{secrets.token_hex(8)}{path.suffix}")
         # Unlike tempfile's, with the mode that the user's umask gives to new files.
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-    except OSError as error:
-        raise InvalidFileError(f"cannot write {path}: {error.strerror}", path=path) from None
-    try:
         yield temporary
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
@@ -35,7 +32,8 @@ def whole_file(path: Path) -> Iterator[Path]:
         message = f"cannot write {path}: {error.strerror or error}"
         raise InvalidFileError(message, path=path) from None
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # there is none
+            temporary.unlink()
 
 
 def write_bytes(path: Path, content: bytes) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,7 @@ import numpy as np
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.io.atomic_writing import write_json
-from lis_grasp.io.limits import reading
-from lis_grasp.io.schemas import Count, FileRecord, Number, Pose, Vector, checked
+from lis_grasp.io.schemas import Count, FileRecord, Number, Pose, Vector, read_json
 from lis_grasp.records import fields_of
 
 _FRAMES = {
@@ -69,9 +67,7 @@ def read_grasp_file(path: Path, grasp: Callable[..., Any]) -> dict[str, Any]:
 
     Errors are as of `GraspSearch.load`.
     """
-    with reading(path, "JSON"):
-        document = json.loads(path.read_text(encoding="utf-8"))
-    content = checked(_Search, document, path, "grasps")
+    content = read_json(_Search, path, "grasps")
     try:
         grasps = tuple(grasp(**_fields(entry)) for entry in content.grasps)
     except InvalidOptionError as error:

@@ -110,10 +110,6 @@ def read(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
         inside = path / usual
         advice = f"name {inside}" if os.path.isfile(inside) else "name a file in it"
         raise InvalidFileError(f"{path} must be a file; it is a folder: {advice}", path=path)
-    return _facts(path)
-
-
-def _facts(path: Path) -> dict[str, Any]:
     try:
         with path.open("rb") as file:
             if path.suffix.lower() == ".json":

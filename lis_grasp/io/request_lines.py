@@ -7,6 +7,7 @@ import os
 import socket
 import socketserver
 from collections.abc import Callable
+from contextlib import suppress
 from io import BufferedIOBase
 from pathlib import Path
 from threading import BoundedSemaphore, Lock
@@ -24,6 +25,8 @@ LOCALHOST = "127.0.0.1"
 
 _MOST_BYTES = MEBIBYTE  # of a request
 _MOST_CLIENTS = 8  # at once
+_BACKLOG = 128  # connections that wait to be accepted
+_GIVES_WAY = 5.0  # [s] at most, until the place of a client that is sent away is free
 
 
 def answer_lines(
@@ -31,9 +34,10 @@ def answer_lines(
 ) -> bool:
     """Answer each line of a stream until it ends; return whether a request was to stop.
 
-    A request may have an ``id``, which its answer repeats. An answer has ``ok``, and an ``error``
-    in words if it is false: a line that is no JSON object, that is longer than 1 MiB (the rest of
-    it is skipped), or a request that cannot be carried out. ``{"request": "stop"}`` ends.
+    A request may have an ``id``, a text or a whole number, which its answer repeats. An answer has
+    ``ok``, and an ``error`` in words if it is false: a line that is no JSON object, that is longer
+    than 1 MiB (the rest of it is skipped), or a request that cannot be carried out.
+    ``{"request": "stop"}`` ends.
 
     A stream that is not `trusted` ends after the first line that is no request: a web page that
     posts to the port sends lines of its own before.
@@ -68,6 +72,8 @@ def _parsed(line: bytes) -> dict[str, Any] | str:
         return f"a request is one JSON object a line; this is not ({str(error)[:100]})"
     if not isinstance(request, dict):
         return f"a request is a JSON object; this is of type {type(request).__name__}"
+    if not isinstance(request.get("id", ""), str | int):  # what is repeated must be JSON again
+        return "the id of a request is a text or a whole number"
     return request
 
 
@@ -89,29 +95,51 @@ class _Connection(socketserver.StreamRequestHandler):
 
     def handle(self) -> None:
         try:
-            if not self.server.places.acquire(blocking=False):
+            if not self.server.admit(self.connection):
                 busy = {"ok": False, "error": f"there are {_MOST_CLIENTS} connections already"}
                 self.wfile.write(json.dumps(busy).encode() + b"\n")
                 return
             try:
-                stop = answer_lines(self.server.answer, self.rfile, self.wfile, trusted=False)
+                stop = answer_lines(self._answer, self.rfile, self.wfile, trusted=False)
             finally:
+                self.server.silent.pop(self.connection, None)
                 self.server.places.release()
         except OSError:  # the client is gone
             return
         if stop:
             self.server.shutdown()
 
+    def _answer(self, request: dict[str, Any]) -> dict[str, Any]:
+        self.server.silent.pop(self.connection, None)
+        return self.server.answer(request)
+
 
 class _Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
     daemon_threads = True
     block_on_close = False
     allow_reuse_address = True
+    request_queue_size = _BACKLOG
 
     def __init__(self, address: tuple[str, int] | str, answer: Answer) -> None:
         self.address_family = socket.AF_UNIX if isinstance(address, str) else socket.AF_INET
         self.places, self._answer, self._answering = BoundedSemaphore(_MOST_CLIENTS), answer, Lock()
+        self._admitting = Lock()
+        self.silent: dict[socket.socket, None] = {}  # clients without a request so far
         super().__init__(address, _Connection)  # type: ignore[arg-type]
+
+    def admit(self, client: socket.socket) -> bool:
+        """Return whether a client has a place; if none is free, the first silent one gives way."""
+        with self._admitting:  # or another client takes the place that becomes free
+            free = self.places.acquire(blocking=False)
+            for other in () if free else tuple(self.silent):
+                if self.silent.pop(other, False) is None:
+                    with suppress(OSError):  # it has gone
+                        other.shutdown(socket.SHUT_RDWR)
+                    free = self.places.acquire(timeout=_GIVES_WAY)
+                    break
+            if free:
+                self.silent[client] = None
+            return free
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         with self._answering:

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from lis_grasp.exceptions import InvalidFileError, nearest_of, shown
+from lis_grasp.io.limits import reading
 
 # Beyond this a number of a file is damage, whatever its unit.
 _LARGEST = 1e12
@@ -91,6 +92,13 @@ def _keys_of(schema: type[BaseModel]) -> set[str]:
 def write_json_schema(schema: type[BaseModel], path: Path) -> None:
     """Write the JSON schema, from which editors complete and check a YAML file."""
     path.write_text(json.dumps(schema.model_json_schema(), indent=1) + "\n", encoding="utf-8")
+
+
+def read_json(schema: type[_Schema], path: Path, what: str) -> _Schema:
+    """Return the content of a JSON file as a record; errors as of `reading` and `checked`."""
+    with reading(path, "JSON"):
+        content = json.loads(path.read_text(encoding="utf-8"))
+    return checked(schema, content, path, what)
 
 
 def checked(schema: type[_Schema], content: Any, path: Path, what: str) -> _Schema:

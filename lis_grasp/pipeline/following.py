@@ -43,7 +43,7 @@ def renewer(
         try:
             if folder.is_dir() and scene_is_outdated(folder, scene):
                 scene_of(folder).save(scene)
-        except LisGraspError as error:
+        except (LisGraspError, OSError) as error:  # a file may be gone between two looks at it
             complain(str(error))
 
     return renew

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +13,7 @@ import trimesh
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.grasping.grasps import GraspSearch
+from lis_grasp.io.schemas import FileRecord, read_json
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import Motion
 from lis_grasp.pipeline.known import Perception
@@ -27,6 +27,11 @@ from lis_grasp.surfaces import ImplicitSurface
 
 # Files whose headers say where the object is, the last that is written first.
 SOURCES = ("grasps.json", "surface.ply", "contacts.ply")
+
+
+class _Report(FileRecord):
+    config: dict[str, Any]
+    lift: dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
@@ -78,7 +83,7 @@ class Run:
             load_surface(files["surface.ply"]) if "surface.ply" in files else None,
             GraspSearch.load(files["grasps.json"]) if "grasps.json" in files else None,
             Motion.load(files["motion.npz"]) if "motion.npz" in files else None,
-            None if report is None else json.loads(report.read_text(encoding="utf-8")),
+            None if report is None else read_json(_Report, report, "report of a run").model_dump(),
         )
 
     @cached_property

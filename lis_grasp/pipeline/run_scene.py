@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.exploration import Exploration, ProbeOutcome, Region
 from lis_grasp.exploration.touch_log import read_log
 from lis_grasp.geometry import inverse_pose
+from lis_grasp.io.limits import reading
 from lis_grasp.io.surface_files import load_growth
 from lis_grasp.pipeline.known import find_obstacles
 from lis_grasp.pipeline.results import SOURCES, Run
@@ -46,9 +47,12 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
     facts, contacts = run.facts, run.contacts
     hand = Hand.load(facts.get("hand", "allegro"))
     content: dict[str, Any] = {"support_height": facts.get("support_height")}
+    file = directory / "report.json"
+    told = nullcontext() if report else reading(file, "a report of a run", advice="run again")
     report = report or run.report
     if report is not None:
-        content |= {"headline": headline(report), "summary": run_lines(report)}
+        with told:
+            content |= {"headline": headline(report), "summary": run_lines(report)}
     content |= {"title": f"lis_grasp: {directory.name}", "hand": hand, "motion": run.motion}
     with suppress(InvalidFileError):  # a mesh that is elsewhere now: the scene lacks the truth
         if run.truth is not None:

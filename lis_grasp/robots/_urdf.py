@@ -5,6 +5,9 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+import resource
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -24,6 +27,9 @@ from lis_grasp.robots.model_uri import package_folders
 _MOST_BYTES = 64 * MEBIBYTE  # of a URDF, SDF or MJCF that is read
 _NAMESPACES = {b"drake": b"http://drake.mit.edu"}
 _START = 400  # bytes in which XML names its encoding
+_EXPAND = "from lis_grasp.robots._urdf import _expand; _expand()"
+_LONGEST = 30.0  # [s] that macros may take
+_MOST_MEMORY = 4096 * MEBIBYTE  # that they may need
 
 
 @contextlib.contextmanager
@@ -92,36 +98,49 @@ def _has_macros(root: ET.Element) -> bool:
 def _expand_macros(path: Path) -> ET.Element:
     """Return the URDF that xacro makes of a file; packages are found as by `package_folders`."""
     try:
-        xacro = import_module("xacro")
+        import_module("xacro")
     except ImportError:
         raise InvalidHandError(
             f"{path.name} has xacro macros, read if xacro is installed (pip install xacro); or"
             f" convert it first, as by `xacro {path.name} > hand.urdf`",
             file=path.name,
         ) from None
+    command = [sys.executable, "-c", _EXPAND, str(path.resolve())]
+    try:  # in a process of its own: macros are a program, which may have no end
+        done = subprocess.run(command, capture_output=True, timeout=_LONGEST, check=False)
+    except subprocess.TimeoutExpired:
+        reason = f"they have no end within {_LONGEST:.0f} s"
+    else:
+        if not done.returncode:
+            return ET.fromstring(done.stdout)
+        reason = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+    message = f"{path.name} has macros that xacro cannot expand: {reason}"
+    raise InvalidHandError(message, file=path.name)
+
+
+def _expand() -> None:
+    """Print the URDF of a file as the process of `_expand_macros`, or exit with the reason."""
+    path = Path(sys.argv[1])
+    with contextlib.suppress(OSError, ValueError):  # a lower limit holds, or the system has none
+        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+        resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, hard))
     functions = vars(import_module("xacro.substitution_args"))
-    installed = functions["_eval_find"]
 
     def find(package: str) -> str:
-        above = [folder for folder in path.resolve().parents if folder.name == package]
-        beside = [f / package for f in path.resolve().parents if (f / package).is_dir()]
+        above = [folder for folder in path.parents if folder.name == package]
+        beside = [f / package for f in path.parents if (f / package).is_dir()]
         folders = [*above, *beside, *package_folders(package)]
         if not folders or not folders[0].is_dir():
             raise LookupError(f"no folder '{package}' is above the file or beside one that is")
         return str(folders[0])
 
+    functions["_eval_find"] = find
     try:
-        functions["_eval_find"] = find
-        with contextlib.redirect_stderr(io.StringIO()):  # xacro's warnings
-            return ET.fromstring(xacro.process_file(str(path)).toxml())
-    # xacro raises errors of many types for what it cannot evaluate.
+        sys.stdout.write(import_module("xacro").process_file(str(path)).toxml())
+    # xacro raises errors of many types for what it cannot evaluate, some of which say it twice.
     except Exception as error:  # noqa: BLE001
-        raise InvalidHandError(
-            f"{path.name} has macros that xacro cannot expand: {' '.join(str(error).split())}",
-            file=path.name,
-        ) from None
-    finally:
-        functions["_eval_find"] = installed
+        reason = re.sub(r"<class '[\w.]+'>: ", "", " ".join(str(error).split()))
+        sys.exit(re.sub(r"^(.+) \1$", r"\1", reason) or type(error).__name__)
 
 
 def parse_xml(path: Path) -> ET.Element:

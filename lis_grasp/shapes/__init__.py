@@ -65,8 +65,4 @@ __all__ = [
     "sphere",
     "torus",
 ]
-
-
-def __dir__() -> list[str]:
-    """List the public names."""
-    return sorted(__all__)
+__dir__ = sorted(__all__).copy  # dir() lists the public names

@@ -146,14 +146,15 @@ def load_obstacles(path: str | Path) -> trimesh.Trimesh:
     numbers.
     """
     _, vertices, faces, metres, _ = _read(Path(path), None, None)
-    mesh = trimesh.Trimesh(vertices * metres, faces)  # equal vertices are merged
-    extent = float(np.abs(metres * vertices[faces.ravel()]).max())
+    corners = vertices[faces.ravel()]
+    extent = float(np.abs(corners).max()) * metres
     if not extent <= _FARTHEST_OBSTACLE:
         raise InvalidMeshError(
             f"obstacles must be in metres, within {_FARTHEST_OBSTACLE:g} m of the origin; {path}"
             f" reaches {extent:.3g}: scale its vertices, by 0.001 if they are in millimetres"
         )
-    return mesh
+    # Equal vertices are merged.
+    return trimesh.Trimesh(metres * corners, np.arange(len(corners)).reshape(-1, 3))
 
 
 def _read(

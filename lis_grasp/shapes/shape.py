@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import trimesh
 
-from lis_grasp.exceptions import InvalidMeshError
+from lis_grasp.exceptions import InvalidMeshError, shown
 from lis_grasp.records import read_only
 from lis_grasp.shapes._repair import repair_mesh
 from lis_grasp.shapes._topology import signed_volume
@@ -87,8 +87,10 @@ class Shape:
         Raises
         ------
         InvalidMeshError
-            If the mesh encloses no volume, or could not be closed.
+            If it is no mesh, encloses no volume, or could not be closed.
         """
+        if not isinstance(mesh, trimesh.Trimesh):
+            raise InvalidMeshError(f"an object is of a mesh, then its name; {shown(mesh)} is none")
         try:
             closed, repairs = repair_mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
         except InvalidMeshError as error:

@@ -30,8 +30,4 @@ __all__ = [
     "load_contacts",
     "orient_normals",
 ]
-
-
-def __dir__() -> list[str]:
-    """List the public names."""
-    return sorted(__all__)
+__dir__ = sorted(__all__).copy  # dir() lists the public names

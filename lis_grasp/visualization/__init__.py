@@ -5,8 +5,4 @@ from lis_grasp.visualization.scene import Scene
 from lis_grasp.visualization.scene_server import SceneServer, serve_scene
 
 __all__ = ["ColourScale", "Scene", "SceneServer", "serve_scene"]
-
-
-def __dir__() -> list[str]:
-    """List the public names."""
-    return sorted(__all__)
+__dir__ = sorted(__all__).copy  # dir() lists the public names

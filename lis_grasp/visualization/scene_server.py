@@ -23,6 +23,7 @@ LOCALHOST = "127.0.0.1"
 """Address at which only this machine can connect."""
 
 _EVERY_ADDRESS = ("", "0.0.0.0")
+_SLOWEST = 30.0  # [s] of silence, after which a client is left
 
 
 class SceneServer(ThreadingHTTPServer):
@@ -46,6 +47,7 @@ class SceneServer(ThreadingHTTPServer):
     daemon_threads = True
     # Ports that were just closed can be used again; ports in use cannot.
     allow_reuse_address = True
+    request_queue_size = 128
 
     def __init__(
         self,
@@ -62,22 +64,15 @@ class SceneServer(ThreadingHTTPServer):
         self.names = {LOCALHOST, "localhost", self._host.lower()}
         if not follow and not os.path.isfile(self.scene):
             raise InvalidFileError(f"{self.scene} does not exist", path=self.scene)
-        if not 0 <= port <= 65535:
-            raise InvalidOptionError.out_of_range("port", port, "from 0 to 65535")
         try:
             super().__init__((host, port), _SceneHandler)
-        except (OSError, UnicodeError) as error:
-            no_name = (UnicodeError, socket.gaierror)
-            if isinstance(error, no_name) or error.errno == errno.EADDRNOTAVAIL:
-                raise InvalidOptionError.out_of_range(
-                    "host", host, f"an address of this machine ({error})"
-                ) from None
-            raise InvalidOptionError(
-                f"port {port} of {host} cannot be used ({error}): give another by `port`, such as 0"
-                " for any",
-                option="port",
-                value=port,
-            ) from None
+        except (OSError, OverflowError, UnicodeError) as error:
+            no_name = isinstance(error, UnicodeError | socket.gaierror)
+            if no_name or getattr(error, "errno", None) == errno.EADDRNOTAVAIL:
+                required = f"an address of this machine ({error})"
+                raise InvalidOptionError.out_of_range("host", host, required) from None
+            required = f"from 0 to 65535, and free at {host} ({error}); 0 takes any"
+            raise InvalidOptionError.out_of_range("port", port, required) from None
 
     def renew(self) -> None:
         """Let the scene be written again, if it is outdated."""
@@ -91,6 +86,11 @@ class SceneServer(ThreadingHTTPServer):
             return str(self.scene.stat().st_mtime_ns)
         return ""
 
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Print the traceback of a defect, and nothing of a client that has gone."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handle_error(request, client_address)
+
     @property
     def address(self) -> str:
         """Address of the scene for a browser."""
@@ -99,6 +99,7 @@ class SceneServer(ThreadingHTTPServer):
 
 class _SceneHandler(SimpleHTTPRequestHandler):
     server: SceneServer
+    timeout = _SLOWEST
 
     def translate_path(self, path: str) -> str:
         """Return the file of the scene; an empty path, which is not found, for all others."""

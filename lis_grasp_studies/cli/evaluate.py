@@ -80,7 +80,8 @@ def execute(options: argparse.Namespace) -> None:
     """Measure what is missing, store the rows and write the page."""
     from lis_grasp_studies.evaluation.configuration import SHIPPED, Configuration
     from lis_grasp_studies.evaluation.page import write_results
-    from lis_grasp_studies.evaluation.results import EvaluationResults, read_parquet
+    from lis_grasp_studies.evaluation.results import EvaluationResults
+    from lis_grasp_studies.study.results import read_parquet
 
     require_packages("pyarrow", "statsmodels", extra="study", option="evaluate")
     if options.quick and options.config is not None:

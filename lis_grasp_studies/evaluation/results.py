@@ -11,15 +11,20 @@ from pathlib import Path
 
 import numpy as np
 
-from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import Row
+from lis_grasp.io.schemas import FileRecord, Number, checked
 from lis_grasp.version import __version__
 from lis_grasp_studies.evaluation.configuration import Configuration, measure_part
 from lis_grasp_studies.evaluation.part import Places
 from lis_grasp_studies.harness.rows import Job, TrialResults
 from lis_grasp_studies.harness.runner import Scheduler, run_trials
-from lis_grasp_studies.study.results import pyarrow_modules
+from lis_grasp_studies.study.results import pyarrow_modules, read_parquet
+
+
+class _Row(FileRecord):
+    part: str
+    job_seconds: Number
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +51,10 @@ class EvaluationResults:
             If a file cannot be read, or is of another version.
         """
         if self.lines.path.is_file():
-            return self.lines.read(any_version=any_version)
+            rows = self.lines.read(any_version=any_version)
+            for row in rows:
+                checked(_Row, row, self.lines.path, "row")
+            return rows
         paths = sorted((self.folder / "rows").glob("*.parquet"))
         return [row | {"part": path.stem} for path in paths for row in read_parquet(path)]
 
@@ -65,23 +73,6 @@ def write_parquet(path: Path, rows: Sequence[Row]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as temporary:
         parquet.write_table(table, temporary, compression="zstd")
-
-
-def read_parquet(path: Path) -> list[Row]:
-    """Return the rows of a Parquet file.
-
-    Raises
-    ------
-    InvalidFileError
-        If it cannot be read.
-    """
-    _, parquet = pyarrow_modules()
-    try:
-        rows: list[Row] = parquet.ParquetFile(path).read().to_pylist()
-    except Exception as error:  # noqa: BLE001 - errors of Arrow, of the system and built-in ones
-        reason = " ".join(str(error).split())
-        raise InvalidFileError(f"cannot read {path}: {reason}", path=path) from None
-    return rows
 
 
 @dataclass(slots=True)

@@ -99,4 +99,6 @@ class Experiment:
     def key_of(self, row: Row, trial: Any) -> tuple[Any, ...]:
         """Return the key of a row that exists, as `key` does; any trial has its columns."""
         names = (*self.facts(trial), self.variant)
-        return *(row[name] for name in names), row.get("source") or ""
+        values = [row.get(name) for name in names] + [row.get("source") or ""]
+        # A damaged row has the key of no trial.
+        return tuple(repr(v) if isinstance(v, list | dict) else v for v in values)

@@ -106,7 +106,7 @@ class StudyResults:
         InvalidFileError
             If a file cannot be read, or is of another version.
         """
-        merged = self._read_merged() if self.merged.is_file() else []
+        merged = read_parquet(self.merged) if self.merged.is_file() else []
         for row in merged:
             if not any_version and row.get("version") != version.__version__:
                 raise InvalidFileError(
@@ -184,23 +184,24 @@ class StudyResults:
             found[place] = row
         return [found[place] for place in sorted(found)]
 
-    def _read_merged(self) -> list[Row]:
-        _, parquet = pyarrow_modules()
-        try:
-            # ParquetFile and not read_table: a file alone, no data set around it.
-            file = parquet.ParquetFile(self.merged)
-            groups = map(file.metadata.row_group, range(file.metadata.num_row_groups))
-            if sum(group.total_byte_size for group in groups) > _MOST_BYTES:
-                raise ValueError(f"it unpacks to more than {_MOST_BYTES // MEBIBYTE} MiB")
-            rows: list[Row] = file.read().to_pylist()
-        # Damaged files raise errors of Arrow, of the system and of several built-in types.
-        except Exception as error:  # noqa: BLE001
-            reason = " ".join(str(error).split()) or type(error).__name__
-            raise InvalidFileError(
-                f"cannot read {self.merged}: {reason}; remove it, and its rows are made again",
-                path=self.merged,
-            ) from None
-        return rows
+
+def read_parquet(path: Path) -> list[Row]:
+    """Return the rows of a Parquet file; raise `InvalidFileError` if it cannot be read."""
+    _, parquet = pyarrow_modules()
+    try:
+        # ParquetFile and not read_table: a file alone, no data set around it.
+        file = parquet.ParquetFile(path)
+        groups = map(file.metadata.row_group, range(file.metadata.num_row_groups))
+        if sum(group.total_byte_size for group in groups) > _MOST_BYTES:
+            raise ValueError(f"it unpacks to more than {_MOST_BYTES // MEBIBYTE} MiB")
+        rows: list[Row] = file.read().to_pylist()
+    # Damaged files raise errors of Arrow, of the system and of several built-in types.
+    except Exception as error:  # noqa: BLE001
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InvalidFileError(
+            f"cannot read {path}: {reason}; remove it, and its rows are made again", path=path
+        ) from None
+    return rows
 
 
 def job_of(row: Row, files: Iterable[str] = ()) -> Job:

@@ -171,13 +171,13 @@ def test_the_log_keeps_both_poses_to_the_last_bit(tmp_path: Path) -> None:
     belief, X_EF = belief.centered()
     written = replace(touched_at(-0.03), tracked=belief, simulated_pose=X_EF)
     log.append(written)
-    (read,) = log.resume()
+    (read,) = log.read().outcomes
     assert read.tracked.as_dict() == belief.as_dict()
     np.testing.assert_array_equal(read.simulated_pose, X_EF)
     text = log.path.read_text().replace('"X_WE": [[1', '"X_WE": [["a"', 1)
     log.path.write_text(text)
     with pytest.raises(InvalidFileError):
-        log.resume()
+        log.read()
 
 
 def test_an_outcome_in_another_frame_is_the_same_touch() -> None:

@@ -43,7 +43,7 @@ def test_a_stray_is_dropped_and_its_place_probed_again(tmp_path: Path) -> None:
     log = TouchLog(tmp_path / "touches.jsonl", {})
     for outcome in found.outcomes:
         log.append(outcome)
-    again = Exploration.replay(log.resume(), touches=CONFIG.touches)
+    again = Exploration.replay(log.read().outcomes, touches=CONFIG.touches)
     np.testing.assert_array_equal(again.contacts.points, found.contacts.points)
 
 

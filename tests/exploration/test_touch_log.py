@@ -54,7 +54,7 @@ def explored(log: TouchLog | None, *, stop_after: int | None = None) -> Explorat
             sensor=TactileSensor(position_noise=0.001, normal_noise=0.05, miss_rate=0.1),
         ),
         rng=np.random.default_rng(5),
-        recorded=log.resume() if log is not None else (),
+        recorded=log.read().outcomes if log is not None else (),
         record=record,
     )
 
@@ -93,7 +93,7 @@ def test_a_resumed_exploration_equals_one_without_interruption(
         explored(log, stop_after=stop_after)
     with log.path.open("ab") as file:
         file.write(b'{"target": [0.1, ')  # killed while it wrote
-    assert len(log.resume()) == stop_after
+    assert len(log.read().outcomes) == stop_after
     assert_same(explored(log), undisturbed)
 
 
@@ -128,13 +128,12 @@ def test_a_log_replays_into_the_same_contacts(undisturbed: Exploration, tmp_path
     assert_same(Exploration.replay(load_outcomes(log.path), touches=14), undisturbed)
 
 
-def test_a_log_of_other_facts_is_removed(tmp_path: Path) -> None:
+def test_a_log_of_other_facts_has_no_outcomes_to_resume(tmp_path: Path) -> None:
     log = TouchLog(tmp_path / "touches.jsonl", FACTS)
     log.append(ProbeOutcome(Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1), "blocked", reason="why"))
-    assert log.resume()[0].reason == "why"
-    log = TouchLog(log.path, {**FACTS, "seed": 4})
-    assert log.resume() == ()
-    assert not log.path.exists()
+    assert log.read().outcomes[0].reason == "why"
+    other = TouchLog(log.path, {**FACTS, "seed": 4}).read()
+    assert (other.outcomes, other.changes) == ((), {"seed": (FACTS["seed"], 4)})
 
 
 def test_a_finished_exploration_is_not_touched_again(
@@ -180,7 +179,7 @@ def test_a_log_keeps_every_bit_of_its_outcomes(tmp_path: Path) -> None:
     ]
     for outcome in outcomes:
         log.append(outcome)
-    for read, written in zip(log.resume(), outcomes, strict=True):
+    for read, written in zip(log.read().outcomes, outcomes, strict=True):
         np.testing.assert_array_equal(read.probe.direction, written.probe.direction)
         np.testing.assert_array_equal(read.contacts.normals, written.contacts.normals)
         np.testing.assert_array_equal(read.free_points, written.free_points)
@@ -188,7 +187,7 @@ def test_a_log_keeps_every_bit_of_its_outcomes(tmp_path: Path) -> None:
         assert (read.contacts.forces is None) == (written.contacts.forces is None)
         assert read.contacts.fingers == written.contacts.fingers
         assert (read.hand_pose is None) == (written.hand_pose is None)
-    pose, same = outcomes[1].hand_pose, log.resume()[1].hand_pose
+    pose, same = outcomes[1].hand_pose, log.read().outcomes[1].hand_pose
     np.testing.assert_array_equal(same.X_OH, pose.X_OH)
     np.testing.assert_array_equal(same.joint_positions, pose.joint_positions)
 
@@ -240,7 +239,7 @@ def test_other_files_are_refused_and_kept(text: str, tmp_path: Path) -> None:
     with pytest.raises(InvalidFileError, match="touches.jsonl"):
         load_outcomes(path)
     with pytest.raises(InvalidFileError, match="touches.jsonl"):
-        TouchLog(path, {}).resume()
+        TouchLog(path, {}).read()
     assert path.read_text() == text
 
 

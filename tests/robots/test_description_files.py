@@ -9,6 +9,7 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidHandError, LisGraspError
 from lis_grasp.robots._build_model import read_description
+from lis_grasp.robots._urdf import parse_xml
 from lis_grasp.robots.draft.pipeline import draft_hand
 from lis_grasp.robots.link_bodies import load_mesh
 from lis_grasp.robots.model_uri import resolve_uri
@@ -172,6 +173,27 @@ def test_meshes_a_thousand_times_too_large_or_small_are_named(
     path.write_text(urdf(body='<geometry><mesh filename="m.stl"/></geometry>'))
     with pytest.raises(LisGraspError, match=reason):
         read_description(path)
+
+
+@pytest.mark.parametrize(
+    ("macro", "reason"),
+    [
+        ('<link name="${9 ** 9 ** 9}"/>', "no end within"),
+        ('<link name="${1 / 0}"/>', "division by zero"),
+        ('<xacro:include filename="hand.xacro"/>', "recursion"),
+        ('<link name="$(find nowhere)${1}"/>', "no folder 'nowhere' is [^']*$"),
+    ],
+)
+def test_macros_that_cannot_be_expanded_end_in_a_sentence(
+    macro: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("xacro")
+    monkeypatch.setattr("lis_grasp.robots._urdf._LONGEST", 8.0)
+    path = tmp_path / "hand.xacro"
+    space = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+    path.write_text(f'<robot name="hand" {space}>{macro}</robot>')
+    with pytest.raises(InvalidHandError, match=reason):
+        parse_xml(path)
 
 
 def test_xacro_finds_packages_beside_it_without_ros(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Tests of malformed input by kind, for pytest and for the coverage-guided fuzzer.
 
-The environment variable ROBUSTNESS multiplies the number of cases, and draws new ones each time.
+The environment variable ROBUSTNESS multiplies the number of cases, and draws new ones each time;
+kills are drawn from ROBUSTNESS_SEED.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from lis_grasp import Contacts, extract_mesh, shapes
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
 
 TIMES = int(os.environ.get("ROBUSTNESS", "1"))
+SEED = int(os.environ.get("ROBUSTNESS_SEED", "5"))
 _CELLS = 14  # of a mesh along the largest extent
 
 

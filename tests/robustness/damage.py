@@ -127,7 +127,8 @@ _BYTES: dict[str, Callable[[Draw, bytes], bytes]] = {
 def damage_plain(draw: Draw, content: Any) -> Any:
     """Draw one change of a tree of plain values."""
     content = copy.deepcopy(content)
-    places = list(_places(content))
+    if not (places := list(_places(content))):
+        raise IndexError("an empty tree")
     holder, key = places[draw(st.integers(0, len(places) - 1))]
     way = draw(st.sampled_from(["drop", "copy", "misspell", "replace", "replace"]))
     if way == "drop":
@@ -219,5 +220,6 @@ _TREES = {
     ".jsonl": _json_lines,
     ".urdf": _xml,
     ".sdf": _xml,
+    ".xml": _xml,
     ".dae": _xml,
 }

@@ -9,16 +9,22 @@ except for times.
 
 from __future__ import annotations
 
+import atexit
 import json
 import signal
 import subprocess
 import sys
 import time
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
 
 import numpy as np
+import yaml
 
+from lis_grasp import shapes
 from lis_grasp_studies.study.results import without_times
 
 COMMANDS = {
@@ -26,9 +32,11 @@ COMMANDS = {
     "run": "run box --known --prober kinematic --touches 8 --grasps 1 --estimator patch",
     "compare": "compare --objects box --estimators patch gpis --reference gpis --touches 4"
     " --noise none --seeds 2 --jobs 1",
+    "evaluate": "evaluate {files}/small.yaml --jobs 1",
+    "label": "grasp {files}/box.stl --hand wsg50 --grasps 3 --label --jobs 1",
 }
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
-LOGS = ("touches.jsonl", "rows.jsonl")  # the files that grow
+LOGS = ("touches.jsonl", "rows.jsonl", "labels.jsonl")  # the files that grow
 # An uninterrupted command takes seconds; after this time it hangs [s].
 _LONGEST = 600.0
 _POLL = 0.002
@@ -42,8 +50,21 @@ class Uninterrupted:
     seconds: float
 
 
+@cache
+def _files() -> Path:
+    """Return a folder with the files that commands read."""
+    folder = Path(mkdtemp(prefix="kills-"))
+    atexit.register(rmtree, folder)
+    shapes.find("box").mesh.export(folder / "box.stl")
+    part = {"measure": "paper", "title": "One experiment", "experiments": ["noisy"]}
+    part |= {"variants": ["lis"], "seeds": [0], "seconds": 1}
+    (folder / "small.yaml").write_text(yaml.safe_dump({"parts": {"paper": part}}))
+    return folder
+
+
 def _start(verb: str, folder: Path) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "lis_grasp.cli.main", *COMMANDS[verb].split()]
+    words = COMMANDS[verb].format(files=_files()).split()
+    command = [sys.executable, "-m", "lis_grasp.cli.main", *words]
     quiet = subprocess.DEVNULL
     return subprocess.Popen([*command, "--output", str(folder)], stdout=quiet, stderr=quiet)
 
@@ -68,9 +89,11 @@ def _content(path: Path, folder: Path) -> bytes:
         return json.dumps(report).encode()
     if path.name == "rows.jsonl":
         header, *rows = path.read_bytes().splitlines(keepends=True) or [b""]
-        whole = (json.loads(row) for row in rows if row.endswith(b"\n"))
+        whole = [json.loads(row) for row in rows if row.endswith(b"\n")]
+        for row in whole:
+            row.pop("job_seconds", None)
         return header + b"".join(json.dumps(without_times(row)).encode() + b"\n" for row in whole)
-    if path.name in ("rows.parquet", "rows.csv"):
+    if path.name in ("rows.csv", "rows.parquet") or path.parent.name == "rows":
         return b""  # made of rows.jsonl, with its times
     return path.read_bytes().replace(str(folder).encode(), b"FOLDER")
 

@@ -10,7 +10,7 @@ import resource
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -22,6 +22,7 @@ import yaml
 from claw import SDF, YAML
 from made_grasps import jaw_grasp
 from random_directions import random_directions
+from robots.test_mjcf_reader import HAND as MJCF
 from touch_recording import record, write_bag, write_csv
 
 import lis_grasp
@@ -43,13 +44,24 @@ from lis_grasp.logs import (
 )
 from lis_grasp.motion import Motion
 from lis_grasp.pipeline.next_touch import ObjectPlace
+from lis_grasp.pipeline.results import Run
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.run_scene import scene_of
 from lis_grasp.pipeline.touch_service import TouchService
+from lis_grasp.robots._build_model import build_model
+from lis_grasp.robots._description import DescriptionEdits, parse_description
+from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import check_hand
+from lis_grasp.robots.kinematics import link_kinematics
 from lis_grasp.robots.link_bodies import load_mesh
 from lis_grasp.robots.shipped_models import model_path
+from lis_grasp.shapes.loading import load_obstacles
+from lis_grasp.shapes.placement import draw_pose
 from lis_grasp.surfaces import load_contacts
+from lis_grasp_studies.contact_study.score import SURFACES
+from lis_grasp_studies.evaluation.configuration import SHIPPED, Configuration
+from lis_grasp_studies.evaluation.results import Costs, EvaluationResults
 from lis_grasp_studies.study.study import Study, load_study
 
 _LONGEST_MESSAGE = 1000  # a longer one is a dump of data
@@ -146,9 +158,9 @@ def _saved(name: str, save: Callable[[Path], object]) -> Callable[[Path], Path]:
     return write
 
 
-def _save_grasps(path: Path) -> None:
+def _save_grasps(path: Path, header: str = _HEADER) -> None:
     grasp = jaw_grasp(Hand.load("wsg50"), np.zeros(3), 0.05)
-    GraspSearch((grasp, grasp), {"steep": 3}, 7).save(path, header=_HEADER)
+    GraspSearch((grasp, grasp), {"steep": 3}, 7).save(path, header=header)
 
 
 def _save_touches(path: Path) -> None:
@@ -226,8 +238,21 @@ def _write_yaml(folder: Path, model: str) -> Path:
     return write_hand(folder, model).with_suffix(".yaml")
 
 
+# Tables of points in millimetres and normals, as other programs write them.
+_NAMED = {
+    "semicolons.csv": (";", "x [mm]", "y [mm]", "z [mm]", "normal_x", "normal_y", "normal_z"),
+    "tabs.csv": ("\t", "Points:0_mm", "Points:1_mm", "Points:2_mm", "n_x", "n_y", "n_z"),
+}
+
+
 def _save_points(path: Path) -> None:
     points = 0.04 * random_directions(16, np.random.default_rng(0))
+    if path.name in _NAMED:
+        separator, *names = _NAMED[path.name]
+        rows = [[*np.multiply(1e3, point), *point / 0.04] for point in points]
+        lines = [names, *([f"{value:.6f}" for value in row] for row in rows)]
+        path.write_text("".join(separator.join(line) + "\n" for line in lines))
+        return
     if path.suffix in (".npy", ".npz"):
         np.save(path, points) if path.suffix == ".npy" else np.savez(path, points=points)
         return
@@ -239,7 +264,13 @@ def _save_points(path: Path) -> None:
         ".off": ["OFF", "16 0 0"],
         ".pcd": ["FIELDS x y z", "SIZE 4 4 4", "TYPE F F F", "POINTS 16", "DATA ascii"],
         ".ply": ["ply", "format ascii 1.0", "element vertex 16", *names, "end_header"],
+        ".pts": ["16"],
     }
+    if path.suffix == ".xyzn":
+        rows = [
+            f"{row} {' '.join(f'{x:.6f}' for x in p / 0.04)}"
+            for row, p in zip(rows, points, strict=True)
+        ]
     path.write_text("\n".join([*heads.get(path.suffix, []), *rows]) + "\n")
 
 
@@ -303,7 +334,7 @@ def _check_touches(path: Path) -> None:
         assert np.isfinite(outcome.contacts.points).all()
         assert isinstance(outcome.reason, str)
         assert np.isfinite(outcome.moved)
-    assert len(TouchLog(path, {"object": "box", "seed": 0}).resume()) <= len(outcomes)
+    assert len(TouchLog(path, {"object": "box", "seed": 0}).read().outcomes) <= len(outcomes)
 
 
 def _check_motion(path: Path) -> None:
@@ -394,6 +425,88 @@ def _check_requests(path: Path) -> None:
     assert not any("failed: " in answer.get("error", "") for answer in written)
 
 
+def _check_description(path: Path) -> None:
+    """Read a hand as `hand new` does before it looks for pads."""
+    efforts = dict.fromkeys(("knuckle", "spread", "bend", "slide"), 1.0)
+    model = build_model(parse_description(path), path, DescriptionEdits(effort_limits=efforts))
+    assert (model.lower <= model.upper).all()
+    poses = link_kinematics(model).poses(np.eye(4), 0.5 * (model.lower + model.upper))
+    assert np.isfinite(list(poses.values())).all()
+
+
+def _write_arm(folder: Path, ending: str) -> Path:
+    source = model_path("arms/iiwa14")
+    shutil.copytree(source, folder, dirs_exist_ok=True)
+    return next(folder.glob(f"*.{ending}"))
+
+
+def _check_arm(path: Path) -> None:
+    arm = Arm.load(next(path.parent.glob("*.yaml")))
+    assert np.isfinite([arm.lower, arm.upper, arm.home]).all()
+    assert np.isfinite(arm.kinematics.flange_poses(arm.home)).all()
+
+
+def _check_pose(path: Path) -> None:
+    X_WO = draw_pose(shapes.find("box"), str(path), (1e9, 1e9, 1e9))
+    assert np.isfinite(X_WO).all()
+
+
+def _check_obstacles(path: Path) -> None:
+    mesh = load_obstacles(path)
+    assert np.isfinite(mesh.vertices).all()
+
+
+def _write_run(folder: Path, name: str) -> Path:
+    """Write results of a run, without its simulations; return the file of a name."""
+    facts = RunConfig("box", hand="wsg50", prober="kinematic").facts()
+    header = provenance.describe(**facts)
+    sphere_contacts(12, np.random.default_rng(1)).save(folder / "contacts.ply", header=header)
+    mesh = trimesh.creation.icosphere(subdivisions=1, radius=0.05)
+    mesh.vertex_attributes["uncertainty"] = np.linspace(0.0, 0.01, len(mesh.vertices))
+    save_surface(mesh, folder / "surface.ply", header=header)
+    _save_grasps(folder / "grasps.json", header)
+    _save_touches(folder / "touches.jsonl")
+    search = {"found": True, "probes": 3, "seconds": 9.0}
+    exploration = {"contacts": 12, "asked": 12, "probes": 14, "search": search, "motion": None}
+    exploration |= {"covered_radius": 0.01, "reachable_coverage": 0.9, "estimate_coverage": 0.8}
+    attempt = {"reason": "held", "success_probability": 0.9}
+    lift = {"held": True, "lifted": True, "reason": "held", "mass": 0.2, "slip": 0.0, "turn": 0.0}
+    planned = {"number": 2, "best_epsilon_estimate": 0.1, "best_epsilon_truth": 0.1}
+    report = {"version": lis_grasp.__version__, "config": facts, "touches": 12, "lift": lift}
+    report |= {"surface": {"rmsd": 1e-3, "edge_rmsd": None, "iou": 0.9}, "grasps": planned}
+    report |= {"exploration": exploration, "attempts": [attempt]}
+    (folder / "report.json").write_text(json.dumps(report))
+    return folder / name
+
+
+def _check_run(path: Path) -> None:
+    """Read a folder of results as `Run.load` and `view` do."""
+    run = Run.load(path.parent)
+    assert run.lift is None or isinstance(run.lift, dict)
+    with suppress(LisGraspError):
+        assert run.config.facts()
+    scene_of(path.parent).save(path.parent / "scene.html")
+
+
+def _write_evaluation(folder: Path) -> Path:
+    return Path(shutil.copy(SHIPPED / "quick.yaml", folder))
+
+
+def _write_evaluation_rows(folder: Path) -> Path:
+    job = next(Configuration.load(SHIPPED / "quick.yaml", ["surfaces"]).jobs(None))
+    row = {"part": "surfaces", "job_seconds": 1.0, "version": lis_grasp.__version__}
+    row |= SURFACES.facts(job.trial.trial) | {"estimator": "blend", "rmsd": 0.001}
+    EvaluationResults(folder).lines.append([row])
+    return folder / "rows.jsonl"
+
+
+def _check_evaluation_rows(path: Path) -> None:
+    rows = EvaluationResults(path.parent).read()
+    configuration = Configuration.load(SHIPPED / "quick.yaml")
+    Costs(configuration, rows)
+    configuration.ordered(rows)
+
+
 READERS: dict[str, Reader] = {
     **{
         name: Reader(_saved(name, lambda path: _contacts().save(path)), _check_contacts)
@@ -418,12 +531,27 @@ READERS: dict[str, Reader] = {
     "hand sdf": Reader(partial(write_hand, model="claw"), check_hand_file),
     **{
         f"points {ending}": Reader(_saved(f"points.{ending}", _save_points), _check_points)
-        for ending in ("csv", "off", "ply", "xyz", "pcd", "npy", "npz")
+        for ending in ("csv", "off", "ply", "xyz", "pcd", "npy", "npz", "pts", "xyzn")
     },
+    **{name: Reader(_saved(name, _save_points), _check_points) for name in _NAMED},
+    "arm yaml": Reader(partial(_write_arm, ending="yaml"), _check_arm),
+    "arm urdf": Reader(partial(_write_arm, ending="urdf"), _check_arm),
+    "pose": Reader(_saved("pose.txt", lambda p: np.savetxt(p, np.eye(4))), _check_pose),
+    "obstacles": Reader(_box("ply"), _check_obstacles),
+    **{
+        f"{name} of a run": Reader(partial(_write_run, name=name), _check_run)
+        for name in ("report.json", "touches.jsonl", "contacts.ply", "surface.ply", "grasps.json")
+    },
+    "evaluation yaml": Reader(_write_evaluation, Configuration.load),
+    "rows of an evaluation": Reader(_write_evaluation_rows, _check_evaluation_rows),
     **{
         f"log {ending}": Reader(_saved(f"log.{ending}", _save_log), _check_log)
         for ending in ("csv", "bag", "mcap", "db3")
     },
 }
+if importlib.util.find_spec("mujoco"):
+    READERS["hand mjcf"] = Reader(
+        _saved("hand.xml", lambda path: path.write_text(MJCF)), _check_description
+    )
 if importlib.util.find_spec("pyarrow"):
     READERS["rows.parquet"] = Reader(_saved("rows.parquet", _save_rows), _check_rows)

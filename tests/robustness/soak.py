@@ -1,14 +1,16 @@
 """Explore, estimate and grasp many times in one process; check that no resource accumulates.
 
     python tests/robustness/soak.py --cycles 60      # a few minutes; 1000 take almost an hour
+    python tests/robustness/soak.py --cycles 200 --explorations 8      # of 8 touches each
 
 A cycle runs `explore`, `estimate` and `grasp` in this process, with a random object, hand and
-estimator; touches are kinematic. In the first and every twentieth cycle after it the hand touches
-in Drake, the best grasp is lifted, and the scene is written. After every cycle garbage is
-collected, free memory is returned to the system, and resources are counted. The first cycles, which
-import modules and fill caches, are warm-up. Of the rest, the median of the last fifth may exceed
-that of the first by 5 % in memory and by nothing in threads and open files; no temporary file may
-be left. Exit code 1 if that is violated, or if a command failed.
+estimator; touches are kinematic. With `--explorations` a cycle only explores; else, in the first
+and every twentieth cycle after it, the hand touches in Drake, the best grasp is lifted, and the
+scene is written. After every cycle garbage is collected, free memory is returned to the system, and
+resources are counted. The first cycles, which import modules and fill caches, are warm-up. Of the
+rest, the median of the last fifth may exceed that of the first by 5 % in memory and by nothing in
+threads and open files; no temporary file may be left. Exit code 1 if that is violated, or if a
+command failed.
 
 Blocks that C libraries keep in the heap of a thread ("arena") cannot be returned from here: set
 MALLOC_ARENA_MAX=1 to distinguish used from kept memory.
@@ -66,20 +68,23 @@ def _count(scratch: Path) -> Counts:
     )
 
 
-def _cycle(rng: np.random.Generator, objects: Sequence[str], *, thorough: bool) -> list[str]:
-    """Explore, estimate and grasp; return the command that failed, if any."""
+def _cycle(
+    rng: np.random.Generator, objects: Sequence[str], touches: int | None, *, thorough: bool
+) -> list[str]:
+    """Explore, without `touches` estimate and grasp too; return the command that failed, if any."""
     hand, estimators = str(rng.choice(HAND_NAMES)), list(ESTIMATORS)
+    prober = "dynamic" if thorough else "kinematic"
     with tempfile.TemporaryDirectory() as name:
         commands = [
             f"explore {rng.choice(objects)} --hand {hand}"
-            f" --prober {'dynamic' if thorough else 'kinematic'} --touches {rng.integers(10, 16)}"
+            f" --prober {prober} --touches {touches or rng.integers(10, 16)}"
             f" --estimator {rng.choice(estimators)} --seed {rng.integers(2**31)}"
             f" --position-noise {rng.choice([0.0, 0.001])}",
             f"estimate {name}/contacts.ply --estimator {rng.choice(estimators)}",
             f"grasp {name}/surface.ply --hand {hand} --grasps 2",
             *([f"lift {name}/grasps.json --jobs 1"] if thorough else []),
         ]
-        for command in commands:
+        for command in commands[: 1 if touches else None]:
             output = io.StringIO()
             with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
                 code = run_verb([*command.split(), "--output", name])
@@ -91,7 +96,9 @@ def _cycle(rng: np.random.Generator, objects: Sequence[str], *, thorough: bool) 
     return []
 
 
-def soak(cycles: int, objects: Sequence[str], seed: int) -> tuple[list[Counts], list[str]]:
+def soak(
+    cycles: int, objects: Sequence[str], seed: int, touches: int | None = None
+) -> tuple[list[Counts], list[str]]:
     """Run the cycles; return the counts after each, and the failed commands."""
     counts, failed = [], []
     before = tempfile.tempdir
@@ -100,7 +107,8 @@ def soak(cycles: int, objects: Sequence[str], seed: int) -> tuple[list[Counts], 
         try:
             for index in range(cycles):
                 rng = np.random.default_rng([seed, index])
-                faults = _cycle(rng, objects, thorough=index % _THOROUGH == 0)
+                thorough = touches is None and index % _THOROUGH == 0
+                faults = _cycle(rng, objects, touches, thorough=thorough)
                 failed += [f"cycle {index}: {fault}" for fault in faults]
                 counts.append(_count(Path(name)))
                 print(index + 1, counts[-1], flush=True)
@@ -129,8 +137,10 @@ def main() -> int:
     parser.add_argument("--cycles", type=int, default=1000)
     parser.add_argument("--meshes", nargs="*", default=[], help="mesh files, beside the built-ins")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--explorations", type=int, metavar="TOUCHES", help="and nothing else")
     options = parser.parse_args()
-    counts, failed = soak(options.cycles, [*NAMES, *options.meshes], options.seed)
+    objects = [*NAMES, *options.meshes]
+    counts, failed = soak(options.cycles, objects, options.seed, options.explorations)
     faults = [*failed, *faults_of(counts)]
     print("\n".join([*faults, f"{len(counts)} cycles, {len(failed)} commands failed"]))
     return int(bool(faults))

@@ -6,20 +6,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import TIMES
+from cases import SEED, TIMES
 from kills import half_written, interrupted, uninterrupted
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("verb", "count"), [("explore", 2), ("run", 1), ("compare", min(1, TIMES - 1))]
+    ("verb", "count"),
+    [
+        *[("explore", 2), ("run", 1), ("label", 1)],
+        *[("compare", min(1, TIMES - 1)), ("evaluate", min(1, TIMES - 1))],
+    ],
 )
 def test_a_killed_command_run_again_writes_the_same_files(
     verb: str, count: int, tmp_path: Path
 ) -> None:
     plain = uninterrupted(verb, tmp_path / "plain")
     for index in range(count if TIMES == 1 else TIMES):
-        rng = np.random.default_rng([5, index])
+        rng = np.random.default_rng([SEED, index])
         assert not interrupted(verb, tmp_path / f"killed{index}", plain, rng)
 
 

@@ -152,7 +152,7 @@ def test_any_logged_probe_loads_unchanged(
     outcome = ProbeOutcome(probe, "touched", contacts, reason=reason, moved=moved)
     path = tmp_path_factory.mktemp("any") / "touches.jsonl"
     TouchLog(path, {"seed": seed}).append(outcome)
-    (again,) = TouchLog(path, {"seed": seed}).resume()
+    (again,) = TouchLog(path, {"seed": seed}).read().outcomes
     np.testing.assert_array_equal(again.contacts.points, contacts.points)
     np.testing.assert_array_equal(again.probe.direction, probe.direction)
     assert (again.probe.standoff, again.moved, again.reason) == (standoff, moved, reason)

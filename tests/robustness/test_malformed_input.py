@@ -28,8 +28,11 @@ from lis_grasp.exploration import Probe, ProbeOutcome, TouchLog, load_outcomes
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io.provenance import parse
 from lis_grasp.motion import Motion
+from lis_grasp.pipeline.results import Run
+from lis_grasp.pipeline.run_scene import scene_of
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.link_bodies import load_mesh
+from lis_grasp.shapes.loading import load_obstacles
 from lis_grasp.surfaces import ESTIMATORS, LocalImplicitSurface
 from lis_grasp_studies.study.study import load_study
 
@@ -171,6 +174,15 @@ def test_a_vertex_without_faces_is_ignored(tmp_path: Path) -> None:
     shape = shapes.load(tmp_path / "box.obj")
     assert shape.mesh.volume == pytest.approx(1e-3)
     assert not shape.repairs
+
+
+def test_obstacles_with_vertices_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "table.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1e308 nan 0\nf 1 2 3\n")
+    assert load_obstacles(path).bounds == pytest.approx(np.array([[0, 0, 0], [1, 1, 0]]))
+    path.write_text(path.read_text().replace("f 1", "f 4"))
+    with pytest.raises(InvalidMeshError, match="within"):
+        load_obstacles(path)
 
 
 # Hands.
@@ -388,6 +400,24 @@ def test_a_hostile_hand_is_read_or_refused(group: str, change: str, tmp_path: Pa
 
 
 # Files.
+
+
+@pytest.mark.parametrize("content", ["", "[]", "[" * 10**5, '{"lift": {}}', '{"lift": [9]}'])
+def test_a_damaged_report_is_named(content: str, tmp_path: Path) -> None:
+    path = READERS["report.json of a run"].write(tmp_path)
+    path.write_text(content)
+    with pytest.raises(InvalidFileError) as error:
+        Run.load(tmp_path)
+    assert error.value.path == path
+
+
+@pytest.mark.parametrize("key", ["surface", "exploration", "attempts", "lift"])
+def test_a_page_says_which_report_lacks_what_it_shows(key: str, tmp_path: Path) -> None:
+    path = READERS["report.json of a run"].write(tmp_path)
+    path.write_text(json.dumps(json.loads(path.read_text()) | {key: {} if key == "lift" else []}))
+    with pytest.raises(InvalidFileError) as error:
+        scene_of(tmp_path)
+    assert error.value.path == path
 
 
 def test_a_huge_cell_is_refused(tmp_path: Path) -> None:

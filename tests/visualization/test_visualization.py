@@ -456,7 +456,7 @@ def test_a_port_in_use_or_out_of_range_is_refused(tmp_path: Path) -> None:
     (tmp_path / "scene.html").touch()
     with SceneServer(tmp_path, port=0) as server:
         port = server.server_address[1]
-        for wrong, said in ((port, "`port`"), (65536, "65535")):
+        for wrong, said in ((port, "free"), (65536, "65535")):
             with pytest.raises(InvalidOptionError, match=said) as error:
                 SceneServer(tmp_path, port=wrong)
             assert (error.value.option, error.value.value) == ("port", wrong)
