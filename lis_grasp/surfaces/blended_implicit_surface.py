@@ -130,13 +130,14 @@ class BlendedImplicitSurface:
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        That of a mixture: the weighted mean of both variances, and the variance between both.
+        That of a mixture: the weighted mean of both variances, and the variance between both. A
+        sharp estimate is believed less, the farther it is from the smooth one, in spacings.
         """
         rows, shape = flat_points(points)
         values = self.smooth.evaluate(rows)
         moments = self.smooth.uncertainty(rows) ** 2
         some, weights, differences = self._weights_and_differences(rows, values)
-        weights = weights * self._agreement(differences)[0]
+        weights = weights * np.maximum(1.0 - np.abs(differences) / (_FAR * self.spacing), 0.0)
         moments[some] += weights * (self.sharp.uncertainty(rows[some]) ** 2 - moments[some])
         moments[some] += weights * (1.0 - weights) * differences**2
         return np.sqrt(moments).reshape(shape)

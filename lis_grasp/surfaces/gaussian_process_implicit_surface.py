@@ -48,6 +48,8 @@ _LENGTHS: dict[KernelName, float] = {
 
 # Below this slope the gradient does not locate the surface.
 _MIN_SLOPE = 0.1
+# Least standard deviation of the surface, in largest distances between two contacts.
+_LEAST = 0.0003
 # Noise for edges that no smooth f can follow, see `from_contacts`.
 _MISFIT = (0.001, 0.1)
 # Settings are fitted to so many contacts at most: the prior's amplitude takes a dozen solutions.
@@ -209,10 +211,16 @@ class GaussianProcessImplicitSurface:
 
     @cached_property
     def amplitude(self) -> float:
-        """Standard deviation of the prior, scaled, see `variance`."""
+        """Standard deviation of the prior, scaled.
+
+        It fits the residuals of K places that are left out
+        (`GradientRegression.leave_groups_out_amplitude`), times sqrt(1 + 2 / K): few places hardly
+        determine it, so that errors are distributed like Student's t of about K + 2 degrees.
+        """
         # Contacts of one place predict each other, however wrong the surface between places.
         places = self._contacts.places
-        return self._process.leave_groups_out_amplitude(places.place, places.nodes)
+        fitted = self._process.leave_groups_out_amplitude(places.place, places.nodes)
+        return fitted * float(np.sqrt(1.0 + 2.0 / len(places.nodes)))
 
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return the posterior mean of f at points of shape (..., 3) [m], shape (...) [m]."""
@@ -230,8 +238,7 @@ class GaussianProcessImplicitSurface:
         """Return the posterior variance of f, shape (...) [m^2].
 
         k(x, x) - k_*^T (K + noise)^-1 k_* (Rasmussen and Williams 2006, eq. 2.26), times the square
-        of the prior's amplitude, which fits the residuals of places that are left out
-        (`GradientRegression.leave_groups_out_amplitude`).
+        of the prior's amplitude.
         """
         rows, shape = self._scaled(points)
         variances = map_rows(self._process.variance, rows, ROWS * len(self.points))
@@ -241,15 +248,14 @@ class GaussianProcessImplicitSurface:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
         The posterior standard deviation of f over the length of its gradient: to first order, the
-        shift of the zero. Capped by the diagonal of the bounds. Averaged over the objects of
-        `shapes` it is calibrated; on the middle of faces it is too large, beside edges, which no
-        smooth f can follow, too small.
+        shift of the zero, and a least one. Capped by the diagonal of the bounds. On the middle of
+        faces it is too large, beside edges, which no smooth f can follow, too small.
         """
         rows, shape = flat_points(points)
-        deviation = np.sqrt(self.variance(rows))
         slope = np.maximum(np.linalg.norm(self.gradient(rows), axis=1), _MIN_SLOPE)
+        deviation = np.hypot(np.sqrt(self.variance(rows)) / slope, _LEAST * self.scale)
         limit = float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
-        return np.minimum(deviation / slope, limit).reshape(shape)
+        return np.minimum(deviation, limit).reshape(shape)
 
     def leave_groups_out(self, groups: IndexArray) -> tuple[FloatArray, FloatArray]:
         """Return leave-group-out predictions at each contact: f (N,) [m], gradient (N, 3).

@@ -38,9 +38,8 @@ _SETTINGS: Mapping[str, Any] = MappingProxyType(
 # Distance from `gpis` at which the estimate begins to become that, and is that, in spacings.
 _NEAR, _FAR = 0.25, 0.5
 
-# Standard deviation of the surface where the processes differ, as a fraction of the difference, and
-# where nothing is uncertain, in largest distances between two contacts.
-_DOUBT, _LEAST = 0.35, 0.0003
+# Standard deviation of the surface where the processes differ, as a fraction of the difference.
+_DOUBT = 0.35
 
 
 @made_by("from_contacts")
@@ -131,11 +130,10 @@ class SmoothImplicitSurface:
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        That of the free process, a part of its difference from the bound one, and a least one.
+        That of the free process, and a part of its difference from the bound one.
         """
         differences = self.free.evaluate(points) - self.bound.evaluate(points)
-        variances = self.free.uncertainty(points) ** 2 + (_DOUBT * differences) ** 2
-        return np.asarray(np.sqrt(variances + (_LEAST * self.bound.scale) ** 2))
+        return np.hypot(self.free.uncertainty(points), _DOUBT * differences)
 
     def leave_groups_out(self, groups: IndexArray) -> tuple[FloatArray, FloatArray]:
         """Return leave-group-out predictions of the free process at contacts, f and gradient."""

@@ -40,6 +40,9 @@ CELLS = 48
 SAMPLES = 2000
 """Points on each surface and along all edges."""
 
+# Points nearer to the middle of the meshing box than this, of half its sides, are not on its faces.
+_INSIDE = 1.0 - 1e-6
+
 Bands = tuple[float | None, float | None, float | None, float | None]
 """The four rates of `EstimateScore`."""
 
@@ -108,8 +111,10 @@ def score_estimate(
         cell = float(np.ptp(bounds, axis=0).max()) / CELLS
         mesh = extract_mesh(surface, bounds=bounds, resolution=cell)
         radius, truth = EXPLORED * data.shape.size, data.shape.mesh
-        on_estimate = band_rates(surface, mesh, truth, data.exact, explored_radius=radius)
-        on_truth = band_rates(surface, truth, mesh, data.exact, explored_radius=radius)
+        on_estimate, on_truth = (
+            band_rates(surface, *both, data.exact, explored_radius=radius, bounds=bounds)
+            for both in ((mesh, truth), (truth, mesh))
+        )
         return _measured(mesh, data, (*on_estimate, *on_truth), seconds)
     except (LisGraspError, ArithmeticError, ValueError, RuntimeError, MemoryError) as failure:
         return _failed(data, seconds, f"{type(failure).__name__}: {failure}")
@@ -156,14 +161,18 @@ def band_rates(
     contacts: Contacts,
     *,
     explored_radius: float,
+    bounds: FloatArray,
 ) -> tuple[float, float]:
     """Return the fractions of a mesh within 1 and 1.96 standard deviations of another.
 
-    Only its part within the explored radius [m] of a contact counts; `surface.uncertainty` gives
-    the standard deviation at its points.
+    Only its part within the explored radius [m] of a contact counts, inside of the meshing box
+    `bounds` (2, 3) [m]: on its faces the box ends an estimate, not the surface.
+    `surface.uncertainty` gives the standard deviation at its points.
     """
     points, _ = sample_mesh(source, SAMPLES)
-    points = points[cKDTree(contacts.points).query(points)[0] <= explored_radius]
+    inside = np.abs(points - bounds.mean(axis=0)) < 0.5 * _INSIDE * np.ptp(bounds, axis=0)
+    explored = cKDTree(contacts.points).query(points)[0] <= explored_radius
+    points = points[explored & inside.all(axis=1)]
     distances, _ = distances_to_mesh(points, target)
     deviations = surface.uncertainty(points)
     return (

@@ -174,7 +174,9 @@ def score_paper_trial(trial: PaperTrial, estimator: str) -> Row:
         error = surface_error(mesh, shape, clean, explored_radius=EXPLORED_RADIUS)
     except LisGraspError as failure:
         return row | {"failure": str(failure)}
-    rates = band_rates(surface, shape.mesh, mesh, clean, explored_radius=EXPLORED_RADIUS)
+    rates = band_rates(
+        surface, shape.mesh, mesh, clean, explored_radius=EXPLORED_RADIUS, bounds=surface.bounds
+    )
     return row | asdict(error) | dict(zip(WITHIN, rates, strict=True))
 
 

@@ -72,7 +72,11 @@ def test_a_value_lies_between_both_estimates_with_the_weight_it_states() -> None
     np.testing.assert_allclose(
         surface.evaluate(points), weight * sharp + (1 - weight) * smooth, atol=1e-12
     )
-    # The law of total variance.
+    # The law of total variance; the sharp estimate is believed less where it is far from the other.
+    some, weights = surface._weights(points)
+    weight = np.zeros(len(points))
+    weight[some] = weights
+    weight *= np.maximum(1.0 - np.abs(sharp - smooth) / surface.spacing, 0.0)
     variance = weight * surface.sharp.uncertainty(points) ** 2
     variance += (1 - weight) * surface.smooth.uncertainty(points) ** 2
     variance += weight * (1 - weight) * (sharp - smooth) ** 2

@@ -115,7 +115,7 @@ def test_contacts_are_interpolated_without_noise(kernel: str) -> None:
     )  # fmt: skip
     np.testing.assert_allclose(surface.evaluate(contacts.points), 0.0, atol=1e-6)
     np.testing.assert_allclose(surface.gradient(contacts.points), contacts.normals, atol=1e-4)
-    np.testing.assert_allclose(surface.uncertainty(contacts.points), 0.0, atol=1e-6)
+    np.testing.assert_allclose(surface.variance(contacts.points), 0.0, atol=1e-12)
 
 
 def test_misfit_of_one_contact_shrinks_its_pull_as_in_closed_form() -> None:
@@ -248,7 +248,7 @@ def test_leave_group_out_predictions_equal_refitting_without_each_group(
         np.testing.assert_allclose(gradients[left_out], refitted.mean.gradient(nodes), atol=1e-9)
 
 
-def test_the_amplitude_is_the_rms_of_standardised_residuals_of_left_out_places() -> None:
+def test_the_amplitude_is_that_of_standardised_residuals_of_left_out_places() -> None:
     contacts = sphere_contacts(20)
     beside = Contacts(contacts.points[:5] + 1e-4, contacts.normals[:5])
     surface = GaussianProcessImplicitSurface.from_contacts(contacts.append(beside))
@@ -268,12 +268,13 @@ def test_the_amplitude_is_the_rms_of_standardised_residuals_of_left_out_places()
         mean = cross[:4, 4:] @ inverse @ kept.targets.ravel()
         residual = process.targets[node] - mean
         squares.append(residual @ np.linalg.inv(covariance) @ residual / 4.0)
-    assert surface.amplitude**2 == pytest.approx(np.mean(squares), rel=1e-6)
+    of_t = 1.0 + 2.0 / len(squares)  # variance of Student's t of so many degrees and 2
+    assert surface.amplitude**2 == pytest.approx(of_t * np.mean(squares), rel=1e-6)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [3, 4, 6, 8])
-def test_few_contacts_state_too_little_uncertainty_but_not_none(count: int) -> None:
+def test_few_contacts_state_about_the_right_uncertainty(count: int) -> None:
     within = []
     for seed, name in enumerate(n for names in EVALUATION.values() for n in names[:4]):
         mesh = graspable_shape(name).mesh
@@ -286,8 +287,8 @@ def test_few_contacts_state_too_little_uncertainty_but_not_none(count: int) -> N
         estimate = extract_mesh(surface)
         nearest, distances, _ = trimesh.proximity.closest_point(estimate, points)
         within.append(distances < surface.uncertainty(nearest))
-    # A stated limit: 42, 44, 56 and 60 % here, of a normal distribution 68 %.
-    assert 0.4 < np.mean(within) < 0.7
+    # Of a normal distribution 68 %; here 58, 63, 73 and 73 %.
+    assert 0.55 < np.mean(within) < 0.78
 
 
 def test_repeated_contacts_hardly_lower_the_uncertainty_between_them() -> None:
