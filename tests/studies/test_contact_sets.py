@@ -132,6 +132,11 @@ def test_a_score_is_that_of_a_known_estimate() -> None:
     assert score.within_68 < 0.1
     assert score.within_95 > 0.9
     assert not score.failure
+    Ball.bounds = np.array([[-0.06] * 3, [0.06, 0.06, 0.03]])  # ends the ball, which counts nowhere
+    clipped = score_estimate(estimator, data, box="own")
+    assert clipped.truth_to_estimate > 0.002
+    assert clipped.within_95 > 0.9
+    assert clipped.truth_within_95 > 0.9
 
 
 def test_a_failed_estimate_is_scored_as_one_that_misses_everything() -> None:
