@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+import trimesh
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from scipy.spatial import cKDTree
 
-from lis_grasp import shapes
+from lis_grasp import Contacts, shapes
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.surfaces import PatchImplicitSurface
 from lis_grasp.typing import FloatArray, IndexArray
 from lis_grasp_studies.figures import palette
 from lis_grasp_studies.figures._solids import (
     LIFT,
+    VIEW,
     contact_patches,
+    estimated_mesh,
     sharp_patches,
     solid_patches,
     two_tone_patches,
@@ -28,13 +32,15 @@ from lis_grasp_studies.figures.painter import (
     View,
     frame_of,
     mesh_patches,
+    overlay_lines,
     paint,
     point_patches,
 )
-from lis_grasp_studies.figures.style import NORMAL, add_panel, foot_note, new_figure
+from lis_grasp_studies.figures.style import NORMAL, add_panel, foot_note, head, new_figure
 from lis_grasp_studies.paper.trials import EXPLORED_RADIUS, explored
 
 _COLUMNS = 4
+_STRAY = (-0.04, -0.09, 0.09)  # [m]
 
 # Paul Tol's bright and light colours: neighbours in the list differ most.
 _COLOURS = ("#4477AA", "#EE6677", "#228833", "#CCBB44", "#66CCEE", "#AA3377", "#EE8866", "#BBBBBB")
@@ -105,6 +111,32 @@ def patch_map(*, names: Sequence[str] = ("mallet", "half_cylinder")) -> Figure:
         axes = add_panel(figure, k * width, 0.08, width, 0.9)
         paint(axes, scene)
         foot_note(axes, f"{len(surface.points)} contacts, {len(surface.patches)} patches")
+    return figure
+
+
+def bad_set() -> tuple[Contacts, list[int]]:
+    """Return contacts of a mallet, and the rows of the bad ones: two flipped, one stray."""
+    mesh, flipped = shapes.build("mallet", shapes.PAPER_SIZE).mesh, [9, 53]
+    points, faces = trimesh.sample.sample_surface_even(mesh, 60, seed=1)
+    normals = np.vstack([mesh.face_normals[faces], [0.0, 0.0, 1.0]])
+    normals[flipped] *= -1.0
+    return Contacts(np.vstack([points, _STRAY]), normals), [*flipped, len(points)]
+
+
+def bad_contacts() -> Figure:
+    """Draw a mallet estimated from contacts of which three are bad: all believed, then judged."""
+    told, rows = bad_set()
+    bad = told.subset(rows)
+    arrows = np.stack([bad.points, bad.points + 0.03 * bad.normals], axis=1)
+    figure = new_figure(3.8)
+    for k, title in enumerate(("all believed", "two turned, one left out")):
+        mesh = estimated_mesh("blend", replace(told, judged=k == 0))
+        axes = add_panel(figure, 0.5 * k, 0.02, 0.5, 0.86)
+        dots = point_patches(VIEW, bad.points, palette.BAD, radius=0.005, lift=1.0)
+        solid = solid_patches(VIEW, mesh, palette.SURFACE)
+        paint(axes, [*solid, *contact_patches(VIEW, told), dots])
+        overlay_lines(axes, VIEW, arrows, palette.rgba(palette.BAD)[None], points=1.8)
+        head(axes, title)
     return figure
 
 

@@ -45,7 +45,7 @@ ESTIMATORS: Mapping[str, tuple[str, str]] = MappingProxyType(
 SURFACE = "#dcdfe4"
 BEYOND = "#f4f1ea"
 TRUTH = "#cfe3ee"
-CONTACT = "#12355b"
+CONTACT, BAD = "#12355b", "#8e44ad"
 EDGE = "#3c4148"
 """An estimate; its unexplored part; a true object; contacts; sharp edges."""
 

@@ -21,7 +21,9 @@ from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.provenance import read as read_facts
 from lis_grasp.io.surface_files import load_growth
 from lis_grasp.pipeline import Run
+from lis_grasp.visualization.camera import choose_azimuth, surface_points
 from lis_grasp.visualization.colours import ColourScale
+from lis_grasp_studies.figures._solids import VIEW
 from lis_grasp_studies.figures.painter import View
 from lis_grasp_studies.figures.static_scene import COLOURS, draw_still
 from lis_grasp_studies.figures.style import COLUMN, WIDTH, add_panel, colour_bar, head, new_figure
@@ -55,6 +57,7 @@ def run_picture(run: Run) -> Picture:
 
 def _drawn(run: Run, stages: Sequence[tuple[int, trimesh.Trimesh]], width: float) -> Figure:
     assert run.contacts is not None
+    assert run.mesh is not None
     best = run.grasps[0] if run.grasps else None
     number = len(stages) + (best is not None)
     high = min(_HIGH, width / number)
@@ -63,11 +66,14 @@ def _drawn(run: Run, stages: Sequence[tuple[int, trimesh.Trimesh]], width: float
     deviations = [mesh.vertex_attributes.get("uncertainty") for _, mesh in stages]
     known = [values for values in deviations if values is not None]
     scale = ColourScale.of(np.concatenate(known)) if known else None
+    solid = run.mesh if run.truth is None else run.truth.mesh
+    azimuth = choose_azimuth(surface_points(solid), np.empty((0, 3)))
     looks: dict[str, Any] = {"truth": run.truth, "scale": scale}
+    front = looks | {"view": View(azimuth, VIEW.elevation)}
     bottom, size = _BAR / tall, high / tall
     for k, (count, mesh) in enumerate(stages):
         axes = add_panel(figure, k / number, bottom, 1.0 / number, size)
-        draw_still(axes, estimate=mesh, contacts=run.contacts[:count], **looks)
+        draw_still(axes, estimate=mesh, contacts=run.contacts[:count], **front)
         head(axes, f"{count} touches")
     if best is not None:
         axes = add_panel(figure, (number - 1) / number, bottom, 1.0 / number, size)
@@ -78,6 +84,7 @@ def _drawn(run: Run, stages: Sequence[tuple[int, trimesh.Trimesh]], width: float
     if scale is not None:
         values = 1e3 * np.linspace(scale.low, scale.high, 3)
         ticks = {float(value): f"{value:.2g}" for value in values}
+        ticks[float(values[-1])] = f"\u2265 {values[-1]:.2g}"  # colours end there
         place = (0.25, 0.42 / tall, 0.5, 0.08 / tall)
         colour_bar(figure, place, COLOURS, "standard deviation of the surface [mm]", ticks)
     return figure

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import cycle, pairwise
 from typing import Any
 
@@ -13,7 +13,16 @@ from matplotlib.lines import Line2D
 
 from lis_grasp.io.json_lines import Row
 from lis_grasp_studies.figures.palette import INK, QUIET, estimator_colour, estimator_label
-from lis_grasp_studies.figures.style import SMALL, add_panel, head, label_axes, new_figure
+from lis_grasp_studies.figures.style import (
+    COLUMN,
+    DRAWN_WIDTH,
+    SMALL,
+    WIDTH,
+    add_panel,
+    head,
+    label_axes,
+    new_figure,
+)
 from lis_grasp_studies.harness.page import Picture
 from lis_grasp_studies.harness.statistics import SuccessRate, success_rate
 from lis_grasp_studies.study.comparison import Kind, is_kind, kinds_of, names
@@ -35,14 +44,14 @@ def draw_pictures(rows: Sequence[Row]) -> Iterator[Picture]:
             f"Held against touches, noise: {noise}",
             "Success rate: trials whose best grasp lifted the true object and held it through the"
             " shake; a trial without a grasp is not held. Bars are 95 % intervals for other seeds.",
-            held_against_touches(chosen),
+            *both_widths(held_against_touches, chosen),
         )
     yield Picture.of(
         "Epsilon on the estimate and on the truth",
         "Epsilon of the best grasp of every trial: planned on the estimate, and where its fingers"
         " meet the true object. Below the dashed line the estimate was too optimistic. Filled:"
         " held; empty: not held.",
-        epsilon_against_truth(rows),
+        *both_widths(epsilon_against_truth, rows),
     )
     if any(row["edge_rmsd"] is not None for row in rows):
         yield Picture.of(
@@ -50,17 +59,24 @@ def draw_pictures(rows: Sequence[Row]) -> Iterator[Picture]:
             "Trials on objects with edges, of all estimators together and of each, in bins of equal"
             " numbers of trials by their error at edges (a point is at the bin's median); bars are"
             " 95 % intervals for other seeds. If edges matter to grasps, the line falls.",
-            held_against_edge_error(rows),
+            *both_widths(held_against_edge_error, rows),
         )
 
 
-def held_against_touches(rows: Sequence[Row]) -> Figure:
+def both_widths(
+    draw: Callable[[Sequence[Row], float], Figure], rows: Sequence[Row]
+) -> tuple[Figure, Figure]:
+    """Return a figure two columns wide, and the same one column wide."""
+    return draw(rows, WIDTH), draw(rows, COLUMN)
+
+
+def held_against_touches(rows: Sequence[Row], width: float = WIDTH) -> Figure:
     """Draw the success rate over touches, a panel each kind of objects."""
     kinds = kinds_of(rows)
-    figure, panels = _panels(len(kinds), columns=2, high=2.6)
+    figure, panels = _panels(len(kinds), columns=2, high=2.6, width=width)
     who = names(rows, "estimator")
     budgets = sorted(names(rows, "touches"))
-    for k, (kind, axes) in enumerate(zip(kinds, panels, strict=True)):
+    for kind, axes in zip(kinds, panels, strict=True):
         for n, name in enumerate(who):
             of = [row for row in rows if is_kind(row, kind) and row["estimator"] == name]
             held = [success_rate([row for row in of if row["touches"] == m]) for m in budgets]
@@ -70,22 +86,22 @@ def held_against_touches(rows: Sequence[Row]) -> Figure:
         axes.set_xticks(range(len(budgets)), [str(budget) for budget in budgets])
         axes.set_xlim(-0.5, len(budgets) - 0.5)
         head(axes, KIND_LABELS[kind])
-        label_axes(axes, "touches", "held [%]" if k % 2 == 0 else "")
+        label_axes(axes, "touches", "held [%]" if _is_left(axes) else "")
         axes.set_ylim(0.0, 104.0)
     _legend(figure, who)
     return figure
 
 
-def epsilon_against_truth(rows: Sequence[Row]) -> Figure:
+def epsilon_against_truth(rows: Sequence[Row], width: float = WIDTH) -> Figure:
     """Plot epsilon on the true mesh against epsilon on the estimate, one panel per estimator."""
     who = names(rows, "estimator")
-    figure, panels = _panels(len(who), columns=4, high=2.1, legend=0.15)
+    figure, panels = _panels(len(who), columns=4, high=2.1, legend=0.15, width=width)
     known = [row for row in rows if row["epsilon_truth"] is not None]
     few = len(known) < 500
     largest = 1.05 * max(
         [max(row["epsilon_estimate"], row["epsilon_truth"]) for row in known], default=1.0
     )
-    for k, (name, axes) in enumerate(zip(who, panels, strict=True)):
+    for name, axes in zip(who, panels, strict=True):
         axes.plot([0.0, largest], [0.0, largest], color=QUIET, lw=1.0, ls=(0, (4, 3)))
         for held in (False, True):
             of = [row for row in known if row["estimator"] == name and row["held"] == held]
@@ -97,18 +113,18 @@ def epsilon_against_truth(rows: Sequence[Row]) -> Figure:
         axes.set_xlim(0.0, largest)
         axes.set_ylim(-0.02 * largest, largest)
         axes.locator_params(nbins=4)
-        axes.tick_params(labelleft=k % 4 == 0)
+        axes.tick_params(labelleft=_is_left(axes))
         head(axes, estimator_label(name))
-        label_axes(axes, "on the estimate", "on the truth" if k % 4 == 0 else "")
+        label_axes(axes, "on the estimate", "on the truth" if _is_left(axes) else "")
     return figure
 
 
-def held_against_edge_error(rows: Sequence[Row]) -> Figure:
+def held_against_edge_error(rows: Sequence[Row], width: float = WIDTH) -> Figure:
     """Draw the success rate over the error at edges, in bins of equal numbers."""
     kinds = [k for k in kinds_of(rows) if any(r["edge_rmsd"] is not None for r in _of(rows, k))]
-    figure, panels = _panels(len(kinds), columns=2, high=2.6)
+    figure, panels = _panels(len(kinds), columns=2, high=2.6, width=width)
     who = [name for name in names(rows, "estimator") if name != TRUTH]  # which has no error
-    for k, (kind, axes) in enumerate(zip(kinds, panels, strict=True)):
+    for kind, axes in zip(kinds, panels, strict=True):
         known = [r for r in _of(rows, kind) if r["edge_rmsd"] is not None and r["estimator"] in who]
         groups = [("", known), *((n, [r for r in known if r["estimator"] == n]) for n in who)]
         for n, (name, of) in enumerate(groups):
@@ -125,7 +141,7 @@ def held_against_edge_error(rows: Sequence[Row]) -> Figure:
         axes.set_ylim(0.0, 104.0)
         axes.set_xlim(left=0.0)
         head(axes, KIND_LABELS[kind])
-        label_axes(axes, "edges to estimate, RMSD [mm]", "held [%]" if k % 2 == 0 else "")
+        label_axes(axes, "edges to estimate, RMSD [mm]", "held [%]" if _is_left(axes) else "")
     _legend(figure, who, more=[Line2D([], [], color=INK, lw=2.0, label="all")])
     return figure
 
@@ -143,21 +159,32 @@ def _rates(
 
 
 def _panels(
-    count: int, *, columns: int, high: float, legend: float = 0.55
+    count: int, *, columns: int, high: float, legend: float = 0.55, width: float = WIDTH
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure of panels in rows, each `high` inches, below a legend of `legend` inches."""
-    columns = min(columns, count)
+    """Return a figure of panels in rows, each `high` inches, below a legend of `legend` inches.
+
+    `columns` are those of a figure of the whole width; one column of a page has half as many.
+    """
+    part = width / WIDTH
+    columns = min(columns if part == 1.0 else columns // 2, count)
     rows = -(-count // columns)
+    high *= 1.0 if columns > 1 else 0.6  # a column of panels fits on a page
+    legend += 0.0 if part == 1.0 else 0.15  # for its second line
     total = legend + rows * (high + _BELOW)
-    figure = new_figure(total)
-    width = _WIDE / columns
+    figure = new_figure(total, width, drawn_width=part * DRAWN_WIDTH)
+    first = _LEFT / part
+    wide = (_LEFT + _WIDE - first) / columns
     panels = []
     for k in range(count):
         down, across = divmod(k, columns)
         bottom = total - legend - (down + 1) * (high + _BELOW) + 0.75 * _BELOW
-        left = _LEFT + across * width
-        panels.append(add_panel(figure, left, bottom / total, width - 0.05, high / total))
+        left = first + across * wide
+        panels.append(add_panel(figure, left, bottom / total, wide - 0.05, high / total))
     return figure, panels
+
+
+def _is_left(axes: Axes) -> bool:
+    return bool(axes.get_position().x0 < 0.2)
 
 
 def _legend(figure: Figure, names: Sequence[str], *, more: Sequence[Line2D] = ()) -> None:
@@ -165,7 +192,9 @@ def _legend(figure: Figure, names: Sequence[str], *, more: Sequence[Line2D] = ()
         Line2D([], [], color=estimator_colour(name), marker=marker, lw=2.0, label=label)
         for name, marker, label in zip(names, cycle(_MARKERS), map(estimator_label, names))
     ]
-    style: dict[str, Any] = {"ncols": 6, "frameon": False, "fontsize": SMALL, "labelcolor": INK}
+    columns = 6 if figure.get_figwidth() == WIDTH else 3
+    style: dict[str, Any] = {"ncols": columns, "frameon": False, "fontsize": SMALL}
+    style["labelcolor"] = INK
     figure.legend(handles=[*handles, *more], loc="upper left", **style)
 
 

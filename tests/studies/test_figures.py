@@ -6,6 +6,7 @@ import io
 import subprocess
 import sys
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +24,7 @@ from lis_grasp.evaluation.surface_error import sample_mesh, surface_error
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.geometry import tangent_frame
 from lis_grasp.shapes import Shape
-from lis_grasp.surfaces import LocalImplicitSurface, PatchImplicitSurface
+from lis_grasp.surfaces import LocalImplicitSurface, PatchImplicitSurface, judge_contacts
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.figures import (
     CHART_CAPTIONS,
@@ -35,7 +36,7 @@ from lis_grasp_studies.figures import (
 )
 from lis_grasp_studies.figures._convexity import angular_kernel, around
 from lis_grasp_studies.figures._errors import error_lines
-from lis_grasp_studies.figures._objects import _owners, patch_map
+from lis_grasp_studies.figures._objects import _owners, bad_contacts, bad_set, patch_map
 from lis_grasp_studies.figures._planar import (
     OUTLINE,
     convexity_towards,
@@ -504,3 +505,12 @@ def test_at_a_contact_the_map_shows_the_patch_of_the_contact() -> None:
     owners = _owners(surface, surface.points)
     assert_array_equal(patch_of[owners], patch_of)
     assert png_of(patch_map(names=("box",)), dots_per_inch=50)[:4] == b"\x89PNG"
+
+
+def test_the_bad_contacts_of_the_picture_are_those_that_the_page_names() -> None:
+    told, bad = bad_set()
+    verdicts = judge_contacts(told)
+    assert_array_equal(np.flatnonzero(verdicts.bad), bad)
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "own-contacts.md"
+    assert f"warning: {verdicts.sentence()}" in page.read_text("utf-8")
+    assert len(bad_contacts().axes) == 2

@@ -6,10 +6,13 @@ import csv
 import re
 from collections.abc import Iterable
 from dataclasses import asdict, replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
 
 from lis_grasp.io.json_lines import Row
 from lis_grasp.version import __version__
@@ -28,7 +31,13 @@ from lis_grasp_studies.study.cases import draw_cases
 from lis_grasp_studies.study.cells import printed
 from lis_grasp_studies.study.columns import COLUMNS
 from lis_grasp_studies.study.comparison import clearest_pairs, compare
-from lis_grasp_studies.study.figures import draw_pictures, held_against_touches
+from lis_grasp_studies.study.figures import (
+    both_widths,
+    draw_pictures,
+    epsilon_against_truth,
+    held_against_edge_error,
+    held_against_touches,
+)
 from lis_grasp_studies.study.page import write_report
 from lis_grasp_studies.study.run import run_trial
 from lis_grasp_studies.study.study import Study
@@ -271,6 +280,21 @@ def test_clearest_pairs_become_a_picture_and_a_scene_each(tmp_path: Path) -> Non
     gone = [row | {"object": "can.ply", "object_digest": "ab"} for row in rows]
     assert list(draw_cases(tmp_path, old, "gpis", ())) == []
     assert list(draw_cases(tmp_path, gone, "gpis", ())) == []
+
+
+def test_figures_of_both_widths_hold_their_type() -> None:
+    names = ("gpis", "lis", "blend", "truth")
+    rows = [row | {"estimator": name} for name in names for row in rows_of()]
+    for draw in (held_against_touches, epsilon_against_truth, held_against_edge_error):
+        for figure in both_widths(draw, rows):
+            renderer = FigureCanvasAgg(figure).get_renderer()
+            whole, size = figure.get_tightbbox(renderer), figure.get_size_inches()
+            assert (whole.min >= 0.0).all()
+            assert (whole.max <= size).all()
+            boxes = [axes.get_tightbbox(renderer) for axes in figure.axes]
+            boxes += [legend.get_tightbbox(renderer) for legend in figure.legends]
+            assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+            assert min(text.get_fontsize() for text in figure.findobj(Text)) >= 8.0
 
 
 def test_rates_are_drawn_close_to_their_number_of_touches() -> None:
