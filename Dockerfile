@@ -12,6 +12,7 @@ RUN apt-get update -qq \
 WORKDIR /opt/lis_grasp
 COPY pyproject.toml README.md LICENSE ./
 COPY lis_grasp lis_grasp
+COPY lis_grasp_studies lis_grasp_studies
 COPY models models
 RUN python -m pip install --no-cache-dir .
 

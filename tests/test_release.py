@@ -90,6 +90,18 @@ def test_commands_of_the_dockerfile_exist() -> None:
     assert f"lis-grasp {commands[0]}" in first  # the README's first command
     for source in re.findall(r"^COPY (.+) \S+$", text, re.MULTILINE):
         assert all((ROOT / name).exists() for name in source.split())
+    pyproject = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    (packages,) = re.findall(r"^packages = (\[.+\])$", pyproject, re.MULTILINE)
+    copied = re.findall(r"^COPY (\S+) \S+$", text, re.MULTILINE)
+    assert {*json.loads(packages), "models"} <= {*copied}  # else they are missing, silently
+
+
+def test_the_source_has_what_is_at_the_root_only() -> None:
+    pyproject = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    (included,) = re.findall(r"^include = (\[.+\])$", pyproject, re.MULTILINE)
+    for name in json.loads(included):
+        assert name.startswith("/")
+        assert (ROOT / name[1:]).exists()
 
 
 def test_the_bootstrap_knows_every_supported_python() -> None:
