@@ -43,7 +43,8 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
     touch log.
     """
     header, outcomes = _recorded(directory / LOG)
-    run = _unfinished(directory, header, outcomes) or Run.load(directory)
+    unfinished = _unfinished(directory, header, outcomes)
+    run = unfinished or Run.load(directory)
     facts, contacts = run.facts, run.contacts
     hand = Hand.load(facts.get("hand", "allegro"))
     content: dict[str, Any] = {"support_height": facts.get("support_height")}
@@ -62,7 +63,11 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
     if facts.get("arm") is not None and "X_EA" in facts:
         height = facts.get("support_height")
         table = None if height is None else Table(float(height))
-        content["station"] = Station.make(Arm.load(facts["arm"]), hand, facts["X_EA"], table=table)
+        X_EA = np.asarray(facts["X_EA"])
+        believed = outcomes[-1].tracked if unfinished and outcomes else None
+        if believed is not None:  # the frame of the contacts has moved
+            X_EA = inverse_pose(believed.X_WE) @ X_EA
+        content["station"] = Station.make(Arm.load(facts["arm"]), hand, X_EA, table=table)
     if contacts is not None:
         content["contacts"] = contacts
         file = directory / "contacts.ply"
@@ -94,9 +99,6 @@ def _unfinished(
     if not header or any((folder / name).exists() for name in SOURCES):
         return None
     contacts = Exploration.replay(outcomes).contacts if outcomes else None
-    believed = outcomes[-1].tracked if outcomes else None
-    if believed is not None and "X_EA" in header:  # the frame of the contacts has moved
-        header = {**header, "X_EA": inverse_pose(believed.X_WE) @ np.asarray(header["X_EA"])}
     return Run(folder, header, contacts, None, None, None, None)
 
 

@@ -1,14 +1,22 @@
 """The arm on a scene page: in the picture, and rigid with the hand on its way to a touch."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
+import pytest
 import scenes
 import trimesh
 from numpy.testing import assert_allclose
 from stations import station_with
 
+from lis_grasp import pipeline
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Probe, ProbeOutcome
+from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.probe import HandPose
+from lis_grasp.exploration.touch_log import read_log
+from lis_grasp.pipeline import run_scene
 from lis_grasp.visualization import Scene
 
 STATION = station_with("wsg50")
@@ -70,6 +78,23 @@ def test_the_picture_contains_the_arm_and_its_foot() -> None:
     assert low[2] <= 0.0
     links = arm_heights()
     assert high[2] >= max(links)
+
+
+def test_a_growing_exploration_shows_its_arm_where_the_object_moved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = {"prober": "kinematic", "touches": 5}
+    config = pipeline.RunConfig("box", hand="wsg50", arm="iiwa14", **options)
+    scenario, _ = pipeline.explore_object(config, tmp_path)
+    (tmp_path / "contacts.ply").unlink()
+    header, outcomes = read_log(tmp_path / "touches.jsonl")
+    moved = replace(PoseBelief.start(), X_WE=scenes.pose(0.02, -0.01, 0.0))
+    outcomes = tuple(replace(outcome, tracked=moved) for outcome in outcomes)
+    monkeypatch.setattr(run_scene, "read_log", lambda path: (header, outcomes))
+    scene = run_scene.scene_of(tmp_path)
+    assert [count for count, _ in scene.growth] == [3, 4]
+    base = scenario.known.station.X_WA[:3, 3] - [0.02, -0.01, 0.0]
+    assert_allclose(scene.station.X_WA[:3, 3], base, atol=1e-12)
 
 
 def arm_heights() -> list[float]:

@@ -164,7 +164,7 @@
     if (layers.truth) {
       // Glass round contacts alone, too. Solid at once behind the fading estimate: two transparent
       // surfaces would flicker.
-      const solid = truth > 0 || (surfaces.length ? !on("estimate") : !has("contacts"));
+      const solid = truth > 0 || (surfaces.length ? !on("estimate") : !has("contacts") && !has("search"));
       put("truth", layers.truth, on("truth") * (solid ? 1 : 0));
       put("truth", layers.glass, on("truth") * (solid ? 0 : 1));
     }
