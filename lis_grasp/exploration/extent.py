@@ -188,9 +188,10 @@ def extent_probe(
 ) -> Probe | None:
     """Return the next probe that shows how far an object on a table extends, or None.
 
-    After the first contact a motion down beside it shows the height. Then level motions from
-    outside find the four ends, opposite to the first contact first. At last sweeps pass the ends
-    of a long object: what they meet, such as a jaw, is a new extreme, and its end open.
+    After the first contact a motion down beside it shows the height; it begins higher if it cannot
+    begin, as in a tall object. Then level motions from outside find the four ends, opposite to the
+    first contact first. At last sweeps pass the ends of an object that lies long: what they meet,
+    such as a jaw, is a new extreme, and its end open.
 
     Contacts are those of the outcomes since the first contact; some `before` do not count among the
     probes after which the extent is given up.
@@ -198,17 +199,19 @@ def extent_probe(
     if not len(contacts) or len(outcomes) >= before + _MOST:
         return None
     normal = contacts.normals[0]
-    is_level = [o.probe.direction[2] > -_FACES_OUT for o in outcomes]
-    if all(is_level) and not bool((contacts.normals[:, 2] > _FACES_OUT).any()):
+    down = [o for o in outcomes if o.probe.direction[2] <= -_FACES_OUT]
+    begun = any(o.status != "blocked" or len(o.free_points) for o in down)
+    if not begun and len(down) < _TRIES and contacts.normals[:, 2].max() <= _FACES_OUT:
         place = contacts.points[0] - _INSIDE * normal
         place[2] = space.level_height
-        return Probe(place, np.array([0.0, 0.0, -1.0]), 0.6 * space.size, 0.0)
+        above = _BEYOND[len(down)] if down else 0.6 * space.size
+        return Probe(place, np.array([0.0, 0.0, -1.0]), above, 0.0)
     ends = ends_of(space, contacts, outcomes)
     found = [end for end in ends if end.is_open]
     if found:
         return min(found, key=lambda end: (len(end.tried) > 0, float(end.out @ normal))).inward()
     lengths = [float(np.ptp(contacts.points @ end.out)) for end in (ends[0], ends[2])]
-    if max(lengths) < _LONG * min(lengths):
+    if max(lengths) < max(_LONG * min(lengths), contacts.points[:, 2].max()):
         return None
     both = ends[:2] if lengths[0] > lengths[1] else ends[2:]
     return next((end.sweep() for end in both if not end.is_passed), None)

@@ -28,8 +28,9 @@ _FOUND, _LOST_AFTER = 0.003, 6
 # A place is touched again when its position is so uncertain [m], and so many times more than a
 # touch makes it.
 _UNCERTAIN, _WORTHWHILE = 0.0008, 2.0
-# What was repeated within so many probes is not repeated again.
-_JUST_NOW = 8
+# The first touches show how far they move the object; then at most one of so many repeats another,
+# unless the next contact could hardly be used.
+_OF_TOUCHES = 6
 # A contact whose position is more uncertain is not used [m].
 _UNUSABLE = 0.004
 # Fewer contacts are too few to recognise a motion; then so many probes in a row without a contact
@@ -87,35 +88,35 @@ class PoseTracker:
 
         It is the one whose contact's position along its normal is least certain.
         """
-        touches = [o for o in since_loss(outcomes) if o.status == "touched"]
+        recent = since_loss(outcomes)
+        touches = [o for o in recent if o.status == "touched"]
+        spent = _OF_TOUCHES * (sum(o.repeated for o in recent) - 1) >= len(touches)
         belief = outcomes[-1].tracked if outcomes else None
         if belief is None or not touches:
             return None
         in_doubt = belief.trust == "doubted"
         if belief.repeated and not in_doubt:
             return None
-        # Blocked ones again are blocked; while in doubt, every probe comes once. What was repeated
-        # just now, and is still uncertain, is where it says little.
+        # Blocked ones again are blocked; while in doubt, every probe comes once.
         count, doubts = len(outcomes), belief.count if in_doubt else 0
         tried = [
             outcome.probe.target
             for i, outcome in enumerate(outcomes)
-            if outcome.status == "blocked"
-            or i >= count - doubts
-            or (i >= count - _JUST_NOW and outcome.repeated)
+            if outcome.status == "blocked" or i >= count - doubts
         ]
         if tried:
             near = cdist([touch.probe.target for touch in touches], tried).min(axis=1)
             touches = [touches[i] for i in np.flatnonzero(near > _NEAR)]
         if not touches:
             return None
-        if belief.suspicious:
+        if belief.suspicious and not spent:
             return _sideways(touches, outcomes[-1]).probe
         points = np.array([touch.contacts.points[0] for touch in touches])
         normals = np.array([touch.contacts.normals[0] for touch in touches])
         deviations = np.sqrt(belief.variances(points, normals))
         best = int(np.argmax(deviations))
-        if deviations[best] < max(_UNCERTAIN, _WORTHWHILE * belief.push_deviation):
+        least = max(_UNCERTAIN, _WORTHWHILE * belief.push_deviation)
+        if deviations[best] < (max(least, 0.5 * _UNUSABLE) if spent else least):
             return None
         again = touches[best].probe
         return replace(again, overshoot=again.overshoot + 2.0 * float(deviations[best]))

@@ -32,6 +32,8 @@ _KINDS = (
     *((0.015, 0.03, 0.2), (0.03, 0.06, 0.35), (0.05, 0.1, 0.25)),
     *((0.03, 0.01, 0.1), (0.03, 0.004, 0.1)),
 )
+# What is sought where none of these is left, as between sweeps along a pen.
+_THIN = ((0.005, 0.004, 1.0),)
 # Spacing of the places, and of the free space that is compared with them [m].
 _PLACE_SPACING, _FREE_SPACING = 0.02, 0.005
 # Heights of the fingertip in sweeps above the lowest one [m].
@@ -125,9 +127,20 @@ class PlaceBelief:
     @classmethod
     def of(cls, region: Region, free_points: FloatArray, free_radii: FloatArray) -> PlaceBelief:
         """Return the belief after free balls, centres (F, 3) in W and radii (F,) [m]."""
+        usual = cls._of(region, free_points, free_radii, _KINDS)
+        return usual if len(usual.weights) else cls._of(region, free_points, free_radii, _THIN)
+
+    @classmethod
+    def _of(
+        cls,
+        region: Region,
+        free_points: FloatArray,
+        free_radii: FloatArray,
+        kinds: Sequence[tuple[float, float, float]],
+    ) -> PlaceBelief:
         low, high = region.bounds
         parts = []
-        for radius, height, probability in _KINDS:
+        for radius, height, probability in kinds:
             axes = [_ticks(low[k] + radius, high[k] - radius) for k in range(2)]
             centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
             kind = np.tile([radius, height, probability / len(centers)], (len(centers), 1))

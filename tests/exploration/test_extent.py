@@ -91,6 +91,19 @@ def test_after_the_first_contact_height_and_far_side_are_probed_then_the_ends() 
     assert end.target[2] == pytest.approx(0.02)  # half of the height
 
 
+def test_a_motion_down_that_cannot_begin_begins_higher_and_tall_objects_need_no_sweeps() -> None:
+    first = touched(np.array([0.0, -0.02, 0.02]), -Y)
+    blocked = ProbeOutcome(probe_after([first]), "blocked", reason="no start")
+    again = probe_after([first, blocked])
+    np.testing.assert_allclose(again.direction, -UP)
+    assert again.start[2] > blocked.probe.start[2]
+    top = touched(np.array([0.0, -0.008, 0.22]), UP)
+    assert probe_after([first, blocked, top]).target[2] == pytest.approx(0.11)
+    ends = [touched(np.array([x, 0.0, 0.1]), np.sign(x) * X) for x in (-0.04, 0.04)]
+    far = touched(np.array([0.0, 0.02, 0.1]), Y)
+    assert probe_after([first, top, far, *ends]) is None
+
+
 def test_an_end_is_sought_until_a_contact_faces_out_or_three_motions_failed() -> None:
     sides = [touched(np.array([0.0, y, 0.02]), np.sign(y) * Y) for y in (-0.02, 0.02)]
     near = touched(np.array([-0.1, 0.0, 0.02]), -X)

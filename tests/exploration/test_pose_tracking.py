@@ -110,16 +110,21 @@ def test_an_uncertain_place_is_probed_again_at_once() -> None:
     assert again.overshoot > PROBE.overshoot
 
 
-def test_a_place_that_a_repetition_left_uncertain_is_not_repeated_at_once() -> None:
-    tracker = PoseTracker()
-    uncertain = PoseBelief.start().loosened(np.array([0.01, 0.01, 0.1]))
-    first, other = (replace(touched_at(x), tracked=uncertain) for x in (-0.03, -0.05))
-    other = replace(other, probe=replace(PROBE, target=np.array([-0.05, 0.0, 0.02])))
-    repeated = replace(first, tracked=replace(uncertain, repeated=True))
-    again = tracker.probe_again([first, repeated, other])
-    np.testing.assert_array_equal(again.target, other.probe.target)
-    much_later = tracker.probe_again([first, repeated, *8 * [first]])
-    np.testing.assert_array_equal(much_later.target, PROBE.target)
+def test_of_25_touches_five_repeat_others_unless_a_contact_could_not_be_used() -> None:
+    tracker, made = PoseTracker(), []
+    uncertain = PoseBelief.start().loosened(np.array([1.9e-3, 1.9e-3, 0.0]))
+    for k in range(25):
+        again = tracker.probe_again(made)
+        belief = replace(uncertain, repeated=again is not None, suspicious=k % 2 == 0)
+        made.append(replace(touched_at(-0.03 - 0.01 * k), tracked=belief))
+    # The first shows at once whether touches move the object, the second after the next touch.
+    assert [k for k, outcome in enumerate(made) if outcome.repeated] == [1, 3, 7, 13, 19]
+    unusable = PoseBelief.start().loosened(np.array([5e-3, 5e-3, 0.0]))
+    assert tracker.probe_again([*made[:-1], replace(made[-1], tracked=unusable)]) is not None
+    elsewhere = replace(PROBE, target=PROBE.target + 0.1)
+    doubt = replace(uncertain, trust="doubted", count=1)
+    doubted = replace(made[-1], probe=elsewhere, tracked=doubt)
+    assert tracker.probe_again([*made[:-1], doubted]) is not None
 
 
 def test_contacts_before_a_loss_are_dropped() -> None:

@@ -71,6 +71,13 @@ def test_space_that_is_all_free_leaves_no_place_and_no_probe() -> None:
     assert search_probe(REGION, [swept], rng=np.random.default_rng(0)) is None
 
 
+def test_where_only_a_thin_object_fits_between_sweeps_it_is_sought() -> None:
+    along, across = np.arange(-0.2, 0.2001, 0.01), np.arange(-0.204, 0.205, 0.034)
+    grid = np.stack(np.meshgrid(along, across, [0.005], indexing="ij"), axis=-1).reshape(-1, 3)
+    belief = free(grid)
+    assert 0.0 < belief.radii.max() < 0.034 / 2.0 - np.sqrt(0.01**2 - 0.001**2)
+
+
 def test_the_first_motion_is_a_low_sweep_through_the_region() -> None:
     probe = search_probe(REGION, [], rng=np.random.default_rng(0))
     assert abs(probe.direction[2]) < 1e-12
