@@ -127,6 +127,4 @@ def _advice(name: str) -> str:
     return nearest_of(name, __all__)
 
 
-def __dir__() -> list[str]:
-    """List the public names."""
-    return sorted(__all__)
+__dir__ = sorted(__all__).copy  # dir() lists the public names

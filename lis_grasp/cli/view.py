@@ -58,12 +58,9 @@ def execute(options: argparse.Namespace) -> None:
         if scene_is_outdated(folder, scene):
             scene_of(folder).save(scene)
             say(f"wrote {scene}")
-        renew = renewer(folder, scene, _complain)
+        outdated = "lis-grasp: the scene is of earlier results: "
+        renew = renewer(folder, scene, lambda text: complain(outdated + text))
         serve_scene(scene.parent, port=options.port, host=options.host, renew=renew)
-
-
-def _complain(text: str) -> None:
-    complain(f"lis-grasp: the scene is of earlier results: {text}")
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import mmap
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +15,6 @@ from lis_grasp.io.limits import MEBIBYTE, ReadError, reading
 Row = dict[str, Any]
 
 _MOST_BYTES = 1024 * MEBIBYTE
-_BLOCK = 65_536  # bytes read at once from the end of a file
 
 
 def read_lines(path: Path) -> tuple[Row, list[Row]]:
@@ -53,12 +53,7 @@ def append_lines(path: Path, header: Row, rows: Sequence[Row]) -> None:
 
 def _end_of_last_line(file: BinaryIO) -> int:
     """Return the offset after the last line end; 0 if there is none."""
-    end = file.seek(0, os.SEEK_END)
-    while end > 0:
-        start = max(0, end - _BLOCK)
-        file.seek(start)
-        place = file.read(end - start).rfind(b"\n")
-        if place >= 0:
-            return start + place + 1
-        end = start
-    return 0
+    if not file.seek(0, os.SEEK_END):
+        return 0  # an empty file cannot be mapped
+    with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        return content.rfind(b"\n") + 1

@@ -25,7 +25,6 @@ LOCALHOST = "127.0.0.1"
 
 _MOST_BYTES = MEBIBYTE  # of a request
 _MOST_CLIENTS = 8  # at once
-_BACKLOG = 128  # connections that wait to be accepted
 _GIVES_WAY = 5.0  # [s] at most, until the place of a client that is sent away is free
 
 
@@ -45,20 +44,16 @@ def answer_lines(
     while line := requests.readline(_MOST_BYTES + 1):
         is_whole = len(line) <= _MOST_BYTES
         request = _parsed(line) if is_whole else f"a request has at most {_MOST_BYTES} bytes"
+        stop = isinstance(request, dict) and request.get("request") == "stop"
         if isinstance(request, str):
             written = {"ok": False, "error": request}
-        elif request.get("request") == "stop":
-            written = {"ok": True}
         else:
-            written = _answered(answer, request)
-        if isinstance(request, dict) and "id" in request:
-            written = {"id": request["id"], **written}
+            written = {"ok": True} if stop else _answered(answer, request)
+            written = {name: request[name] for name in ("id",) if name in request} | written
         answers.write(json.dumps(written, allow_nan=False).encode() + b"\n")
         answers.flush()
-        if isinstance(request, dict) and request.get("request") == "stop":
-            return True
-        if isinstance(request, str) and not trusted:
-            return False
+        if stop or (isinstance(request, str) and not trusted):
+            return stop
         while not is_whole and line and not line.endswith(b"\n"):
             line = requests.readline(_MOST_BYTES)
     return False
@@ -118,7 +113,7 @@ class _Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
     daemon_threads = True
     block_on_close = False
     allow_reuse_address = True
-    request_queue_size = _BACKLOG
+    request_queue_size = 128
 
     def __init__(self, address: tuple[str, int] | str, answer: Answer) -> None:
         self.address_family = socket.AF_UNIX if isinstance(address, str) else socket.AF_INET

@@ -78,15 +78,10 @@ def parse_entry(
     try:
         return schema.model_validate(document)
     except ValidationError as invalid:
-        key, reason = first_mistake(invalid, _keys_of(schema))
+        described = schema.model_json_schema()
+        records = [described, *described.get("$defs", {}).values()]
+        key, reason = first_mistake(invalid, {k for r in records for k in r.get("properties", {})})
     raise error(f"{file}: {key or 'the file'} {reason}", file=file, key=key)
-
-
-def _keys_of(schema: type[BaseModel]) -> set[str]:
-    """Return the keys that a schema and the records in it permit."""
-    described = schema.model_json_schema()
-    records = [described, *described.get("$defs", {}).values()]
-    return {key for record in records for key in record.get("properties", {})}
 
 
 def write_json_schema(schema: type[BaseModel], path: Path) -> None:

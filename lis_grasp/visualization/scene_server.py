@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import os
+import re
 import socket
 import sys
 from collections.abc import Callable
@@ -14,16 +15,12 @@ from importlib import resources
 from pathlib import Path
 from threading import Lock
 from typing import Any, BinaryIO
-from urllib.parse import urlsplit
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 
 SCENE_FILE = "scene.html"
 LOCALHOST = "127.0.0.1"
 """Address at which only this machine can connect."""
-
-_EVERY_ADDRESS = ("", "0.0.0.0")
-_SLOWEST = 30.0  # [s] of silence, after which a client is left
 
 
 class SceneServer(ThreadingHTTPServer):
@@ -60,7 +57,7 @@ class SceneServer(ThreadingHTTPServer):
     ) -> None:
         self.scene, self.follow = Path(directory) / SCENE_FILE, follow
         self._renew, self._renewing = renew, Lock()
-        self._host = LOCALHOST if host in _EVERY_ADDRESS else host
+        self._host = LOCALHOST if host in ("", "0.0.0.0") else host
         self.names = {LOCALHOST, "localhost", self._host.lower()}
         if not follow and not os.path.isfile(self.scene):
             raise InvalidFileError(f"{self.scene} does not exist", path=self.scene)
@@ -99,7 +96,7 @@ class SceneServer(ThreadingHTTPServer):
 
 class _SceneHandler(SimpleHTTPRequestHandler):
     server: SceneServer
-    timeout = _SLOWEST
+    timeout = 30.0  # [s] of silence, after which a client is left
 
     def translate_path(self, path: str) -> str:
         """Return the file of the scene; an empty path, which is not found, for all others."""
@@ -110,7 +107,8 @@ class _SceneHandler(SimpleHTTPRequestHandler):
 
     def send_head(self) -> io.BytesIO | BinaryIO | None:
         """Send the headers and return the file; refuse other names of this machine."""
-        if _host_name(self.headers.get("Host", LOCALHOST)) not in self.server.names:
+        named = re.sub(r":\d*$", "", self.headers.get("Host", LOCALHOST)).lower()
+        if named not in self.server.names:
             self.send_error(403, "The scene is shown at localhost and the given host only")
             return None
         if not self.server.follow:
@@ -131,14 +129,6 @@ class _SceneHandler(SimpleHTTPRequestHandler):
 
     def log_message(self, format: str, *args: Any) -> None:
         """Print nothing per request."""
-
-
-def _host_name(host: str) -> str | None:
-    """Return the name in a Host header, in lower case and without the port."""
-    try:
-        return urlsplit(f"//{host}").hostname
-    except ValueError:
-        return None
 
 
 def serve_scene(directory: Path | str, **options: Any) -> None:
