@@ -95,14 +95,6 @@ def widest(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generat
     return _best(targets, area / max(area.max(initial=0.0), 1e-9) + gap)
 
 
-def fastest(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:
-    """Select the target that covers the most area per second of motion.
-
-    A touch covers about the square of its distance to the nearest contact.
-    """
-    return _best(targets, targets.nearest**2 / targets.seconds)
-
-
 def most_uncertain(
     targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator
 ) -> int | None:
@@ -220,7 +212,6 @@ POLICIES: Mapping[str, PolicyKind] = MappingProxyType(
     {
         "cover": PolicyKind(widest, uses_gaussian_process=True),
         "spread": PolicyKind(farthest, uses_gaussian_process=True),
-        "swift": PolicyKind(fastest, uses_gaussian_process=True),
         "frontier": PolicyKind(frontier),
         "uncertainty": PolicyKind(most_uncertain),
         "random": PolicyKind(uniform),

@@ -1,4 +1,4 @@
-"""Candidate targets of the next touch: surface points, distances to contacts, motion times."""
+"""Candidate targets of the next touch: surface points and their distances to contacts."""
 
 from __future__ import annotations
 
@@ -12,9 +12,7 @@ from scipy.spatial.distance import cdist
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import ProbeOutcome
 from lis_grasp.exploration.probe_motions import (
-    PROBE_SPEED,
     SAME_DIRECTION,
-    TRANSIT_SPEED,
     ContactHull,
     is_flat,
     level_targets,
@@ -90,7 +88,6 @@ class Targets:
     nearest: FloatArray  # (P,) [m]: distance to the nearest contact on the point's side
     eligible: BoolArray  # (P,): no earlier target, not in free space, and can be approached
     step: float  # wanted distance between touches [m]
-    seconds: FloatArray  # (P,) [s]: time that touching the point next would take
     touchable: BoolArray  # (P,): not at a table, and not facing it
     misses: IndexArray  # (P,): paths of tips that missed within a step of the point
 
@@ -121,9 +118,8 @@ class Targets:
             _, width, length = box_lengths(contacts.points)
             beside = _BESIDE_LONG if flat and length > _LONG * width else _BESIDE
             eligible &= _meets_hull(points, normals, contacts, beside * space.step)
-        seconds = seconds_to_touch(points, normals, space, outcomes)
         near = (apart < space.step).sum(axis=0)
-        return cls(points, normals, nearest, eligible, space.step, seconds, touchable, near)
+        return cls(points, normals, nearest, eligible, space.step, touchable, near)
 
 
 def _meets_hull(
@@ -197,35 +193,3 @@ def _distances_to_misses(points: FloatArray, outcomes: Sequence[ProbeOutcome]) -
             path = probe.target + along[:, None] * probe.direction
             distances.append(np.linalg.norm(points - path, axis=1)[None])
     return np.concatenate(distances)
-
-
-def seconds_to_touch(
-    points: FloatArray, normals: FloatArray, space: Workspace, outcomes: Sequence[ProbeOutcome]
-) -> FloatArray:
-    """Return the time that touching each of several points next would take, shape (P,) [s].
-
-    The hand moves on a ball around the object to the start of its approach. It approaches against
-    the normal, guarded from one step before the point, and retreats along the same path.
-
-    Points and outward unit normals have shapes (P, 3) [m] and (P, 3), in O. The hand is at the end
-    of the last of `outcomes` with a motion.
-    """
-    starts = points + space.step * normals
-    approach = space.approach_distance(starts, -normals)
-    touching = approach / TRANSIT_SPEED + space.step / PROBE_SPEED
-    retreat = (approach + space.step) / TRANSIT_SPEED
-    moved = [outcome.probe for outcome in outcomes if outcome.duration > 0.0]
-    if not moved:
-        return touching + retreat
-    last = moved[-1]
-    outside = last.start - space.approach_distance(last.start, last.direction) * last.direction
-    transfer = transfer_seconds(outside, starts + approach[:, None] * normals, space)
-    return touching + retreat + transfer
-
-
-def transfer_seconds(start: FloatArray, ends: FloatArray, space: Workspace) -> FloatArray:
-    """Return the times from a point (3,) to others (P, 3) on a ball around the object, (P,) [s]."""
-    first, second = start - space.center, ends - space.center
-    lengths = np.linalg.norm(first) * np.linalg.norm(second, axis=1)
-    angles = np.arccos(np.clip(second @ first / np.maximum(lengths, 1e-12), -1.0, 1.0))
-    return np.asarray(space.radius * angles / TRANSIT_SPEED)

@@ -60,7 +60,6 @@ POLICY_MEANINGS: Mapping[str, str] = MappingProxyType(
     {
         "cover": "where most surface is new, far from all contacts",
         "spread": "farthest from all contacts",
-        "swift": "the same, with little motion",
         "frontier": "next to the contacts, as in the paper",
         "uncertainty": "where the estimate is most uncertain",
         "random": "anywhere on the estimate",

@@ -81,7 +81,7 @@ CASES: tuple[ContactCase, ...] = (
     *(ContactCase("clustered", count) for count in (30, 60, 120, 240)),
     *(ContactCase("half", count) for count in (12, 30)),
     ContactCase("spread", 40),
-    ContactCase("swift", 25),
+    ContactCase("cover", 25),
     ContactCase("uncertainty", 15),
     ContactCase("frontier", 40),
     ContactCase("even", 40, level=1, given=True),

@@ -23,19 +23,15 @@ from lis_grasp.exploration import (
 from lis_grasp.exploration.policy import (
     TargetSelector,
     farthest,
-    fastest,
     most_uncertain,
     uniform,
     widest,
 )
 from lis_grasp.exploration.probe_motions import (
-    PROBE_SPEED,
-    TRANSIT_SPEED,
     ContactHull,
     surface_probe,
 )
-from lis_grasp.exploration.targets import Targets, seconds_to_touch
-from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.exploration.targets import Targets
 from lis_grasp.pipeline.scenario import workspace
 from lis_grasp.pipeline.stages import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
@@ -44,7 +40,6 @@ from lis_grasp.surfaces import ESTIMATORS
 
 RADIUS = 0.05
 NEAREST = np.array([0.01, 0.03, 0.05, 0.02, 0.04])
-SECONDS = np.array([1.0, 1.0, 3.0, 1.0, 1.5])
 
 
 def ball(radius: float = RADIUS) -> Ball:
@@ -56,7 +51,7 @@ def targets(eligible: list[bool]) -> Targets:
     points = np.array([[0.0, 0.0, z] for z in (0.05, 0.01, 0.02, 0.04, 0.03)])
     touchable, misses = np.ones(5, dtype=np.bool_), np.zeros(5, dtype=np.intp)
     eligible_rows = np.array(eligible)
-    return Targets(points, points, NEAREST, eligible_rows, 0.02, SECONDS, touchable, misses)
+    return Targets(points, points, NEAREST, eligible_rows, 0.02, touchable, misses)
 
 
 def selected(select: TargetSelector, eligible: list[bool], seed: int = 0) -> int | None:
@@ -73,9 +68,7 @@ def test_widest_selects_the_target_that_covers_the_most_new_surface() -> None:
     normals = random_directions(60, rng)
     points, nearest = 0.05 * normals, rng.uniform(0.0, 0.04, 60)
     touchable, misses = rng.random(60) < 0.8, rng.integers(0, 3, 60)
-    found = Targets(
-        points, normals, nearest, touchable, 0.02, np.ones(60), touchable, misses.astype(np.intp)
-    )
+    found = Targets(points, normals, nearest, touchable, 0.02, touchable, misses.astype(np.intp))
     areas = np.array(
         [
             sum(
@@ -93,11 +86,6 @@ def test_widest_selects_the_target_that_covers_the_most_new_surface() -> None:
     i = widest(found, ball(), rng=rng)
     assert touchable[i]
     assert scores[i] == pytest.approx(scores[touchable].max())
-
-
-def test_fastest_selects_the_largest_squared_gap_per_second() -> None:
-    assert selected(fastest, [True] * 5) == 4  # 11 cm^2 / s, of 1, 9, 8 and 4
-    assert selected(fastest, [True, True, True, True, False]) == 1
 
 
 def test_most_uncertain_selects_the_largest_deviation() -> None:
@@ -314,39 +302,7 @@ def test_the_wall_of_a_hole_is_not_touched_by_a_level_motion() -> None:
 SPACE = Workspace(0.1, np.zeros(3), 2.0 / np.sqrt(3.0))
 
 
-def made(direction: np.ndarray, seconds: float) -> ProbeOutcome:
-    return ProbeOutcome(Probe(-0.5 * direction, direction, 0.1, 0.0), "missed", duration=seconds)
-
-
 def test_an_approach_begins_on_the_ball_around_the_object() -> None:
     starts = np.array([[0.0, 0.0, 0.4], [0.0, 0.8, 0.0], [0.0, 0.0, 1.5], [2.0, 0.0, 0.0]])
     lengths = SPACE.approach_distance(starts, np.tile([0.0, 0.0, -1.0], (4, 1)))
     np.testing.assert_allclose(lengths, [0.6, 0.6, 0.0, 0.0])
-
-
-def test_the_first_touch_takes_approach_guarded_step_and_retreat() -> None:
-    point, normal = np.array([[0.0, 0.0, 0.5]]), np.array([[0.0, 0.0, 1.0]])
-    expected = 0.4 / TRANSIT_SPEED + 0.1 / PROBE_SPEED + 0.5 / TRANSIT_SPEED
-    np.testing.assert_allclose(seconds_to_touch(point, normal, SPACE, []), [expected])
-
-
-def test_the_next_touch_takes_the_transfer_too() -> None:
-    normals = np.vstack([np.eye(3), -np.eye(3)])
-    alone = seconds_to_touch(0.5 * normals, normals, SPACE, [])
-    after = seconds_to_touch(0.5 * normals, normals, SPACE, [made(-normals[0], 1.0)])
-    turns = np.array([0.0, 0.5, 0.5, 1.0, 0.5, 0.5]) * np.pi
-    np.testing.assert_allclose(after - alone, turns / TRANSIT_SPEED, atol=1e-12)
-
-
-def test_the_predicted_time_is_that_of_a_touch_where_it_was_expected() -> None:
-    shape = shapes.build("box", 0.2)
-    space = Workspace(0.05, np.zeros(3), 0.2)
-    top = shape.mesh.bounds[1, 2]
-    point, normal = np.array([0.0, 0.0, top]), np.array([0.0, 0.0, 1.0])
-    prober = KinematicProber(Hand.load("allegro"), shape.mesh)
-    probe = Probe(point, -normal, space.step, 0.02)
-    outcome = prober.probe(probe, ObstacleModel(space, Contacts.empty(), None))
-    assert outcome.status == "touched"
-    predicted = seconds_to_touch(point[None], normal[None], space, [])
-    # The prober's approach begins with the tip's centre on the ball, its radius farther out.
-    assert outcome.duration == pytest.approx(predicted[0], abs=2 * 0.012 / TRANSIT_SPEED + 1e-3)

@@ -58,7 +58,13 @@ def test_numbers_of_numpy_are_kept_as_plain_ones() -> None:
 
 def test_every_decision_of_the_robot_is_an_option() -> None:
     """What `Known` repeats of a configuration has the configured value."""
-    given: dict[str, Any] = {"policy": "swift", "touches": 7, "grasps": 2, "seed": 5, "attempts": 1}
+    given: dict[str, Any] = {
+        "policy": "spread",
+        "touches": 7,
+        "grasps": 2,
+        "seed": 5,
+        "attempts": 1,
+    }
     given |= {"until_coverage": 0.9, "max_seconds": 60.0, "free_space": False, "estimator": "gpis"}
     hand, space = Hand.load("wsg50"), workspace(shapes.find("box"))
     known = pipeline.Known.for_hand(RunConfig(**given), hand, space, 0.0)
