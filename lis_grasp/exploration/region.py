@@ -149,11 +149,6 @@ class PlaceBelief:
         centers, *columns = np.split(np.concatenate(parts), [2, 3, 4], axis=1)
         return cls(np.ascontiguousarray(centers), *(column[:, 0].copy() for column in columns))
 
-    @property
-    def mass(self) -> float:
-        """Probability that is left: 1 minus that of the places that are ruled out."""
-        return float(self.weights.sum())
-
     def met_by(self, probe: Probe, tip_radius: float) -> float:
         """Return the probability that a fingertip meets the object on a probe's motion."""
         a, b = probe.start, probe.end

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import HALF_SPACE, Contacts
+from lis_grasp.geometry import unit
 from lis_grasp.records import short_repr
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.queries import flat_points, map_rows, require_range
@@ -21,6 +22,9 @@ from lis_grasp.typing import FloatArray, IndexArray
 _FACES = np.vstack([np.eye(3), -np.eye(3)])
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3))) / np.sqrt(3.0)
 _PLACES = np.vstack([np.zeros((1, 3)), _FACES, _CORNERS])  # (15, 3)
+
+# Walls that go on down to a table: contacts this near to it [m], normals with such parts upward.
+_NEAR_TABLE, _LEAST_SLOPE, _LARGEST_SLOPE = 0.0135, -0.2, 0.5
 
 # An estimate is about a distance: a ball whose centre has a value of this many radii is free.
 _FAR = 1.5
@@ -187,7 +191,7 @@ def depths_in_free_space(
     bounds = np.array([points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)])
     centers, radii, nearest = _free_balls(contacts, bounds, 0.0)
     distances, _ = cKDTree(points).query(centers)
-    near = distances < np.maximum(radii, _largest(radii, nearest))
+    near = distances < np.maximum(radii, 0.5 * (radii + nearest))  # as large as they may grow
     centers, radii, nearest = centers[near], radii[near], nearest[near]
     grown = _grown(radii, nearest, surface.evaluate(centers), 1.0)
     return np.asarray((grown - cdist(points, centers)).max(axis=1, initial=-np.inf))
@@ -209,14 +213,22 @@ def _free_balls(
     return centers, np.minimum(radii, nearest), nearest
 
 
-def _largest(radii: FloatArray, nearest: FloatArray) -> FloatArray:
-    """Return the radii up to which balls may grow: halfway to the nearest contact."""
-    return 0.5 * (radii + nearest)
-
-
 def _grown(radii: FloatArray, nearest: FloatArray, values: FloatArray, growth: float) -> FloatArray:
     """Return the radii of balls that grow by the depth of their centres inside the estimate."""
-    return np.maximum(radii, np.minimum(radii - growth * values, _largest(radii, nearest)))
+    return np.maximum(radii, np.minimum(radii - growth * values, 0.5 * (radii + nearest)))
+
+
+def standing_on(contacts: Contacts, height: float) -> Contacts:
+    """Return contacts with those that a table at a height [m] implies.
+
+    No fingertip gets below a contact near the table. A wall there is taken to go on straight down:
+    one more contact is below it, at the table.
+    """
+    near, slopes = contacts.points[:, 2] < height + _NEAR_TABLE, contacts.normals[:, 2]
+    walls = contacts.subset(near & (slopes > _LEAST_SLOPE) & (slopes < _LARGEST_SLOPE))
+    walls = replace(walls, free_points=np.empty((0, 3)), free_radii=np.empty(0))
+    feet, level = walls.points * [1, 1, 0] + [0.0, 0.0, height], unit(walls.normals * [1, 1, 0])
+    return contacts.append(replace(walls, points=feet, normals=level))
 
 
 def above_table(surface: ImplicitSurface, height: float | None) -> ImplicitSurface:

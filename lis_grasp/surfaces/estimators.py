@@ -14,7 +14,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.plugins import Guarded, Registry, errors_of
 from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
-from lis_grasp.surfaces.carved_implicit_surface import above_table, carved
+from lis_grasp.surfaces.carved_implicit_surface import above_table, carved, standing_on
 from lis_grasp.surfaces.contact_verdicts import judge_contacts
 from lis_grasp.surfaces.gaussian_process_implicit_surface import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
@@ -123,7 +123,8 @@ def estimate(
     margin
         Distance by which the balls of free space are smaller [m], for noise of the sensor.
     table
-        Height of the table that closes the estimate from below [m]; None for none.
+        Height of the table on which the object stands [m]; None for none. It closes the estimate
+        from below, and walls that were touched near it go on down to it.
     options
         Those of the estimator: keywords of its `from_contacts`, such as ``position_noise`` [m]
         and ``normal_noise`` [rad].
@@ -149,7 +150,8 @@ def estimate(
             f" {type(contacts).__name__}"
         )
     make = find_estimator(estimator) if isinstance(estimator, str) else estimator
-    surface = make(contacts, **options)
+    known = contacts if table is None else standing_on(judge_contacts(contacts).credible, table)
+    surface = make(known, **options)
     if free_space:
         surface = carved(surface, contacts, margin=margin)
     return above_table(surface, table)

@@ -27,10 +27,10 @@ from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.stages import Stopwatch
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, placed
-from lis_grasp.surfaces import carved
-from lis_grasp.surfaces.carved_implicit_surface import above_table
+from lis_grasp.surfaces import estimate as estimate_surface
+from lis_grasp.surfaces.estimators import find_estimator
 from lis_grasp.typing import FloatArray
-from lis_grasp_studies.estimators import compared_estimator
+from lis_grasp_studies.estimators import COMPARED
 from lis_grasp_studies.harness.rows import Job
 from lis_grasp_studies.harness.runner import single_thread
 from lis_grasp_studies.study.columns import (
@@ -68,14 +68,19 @@ class Touched:
 def estimate(trial: Trial, estimator: str, contacts: Contacts) -> trimesh.Trimesh:
     """Return the mesh that an estimator makes of a trial's contacts.
 
-    Of contacts alone, if the object is known; else the free space is removed, and the table
-    closes the estimate from below, for all estimators.
+    Of contacts alone, if the object is known; else they are judged, the free space is removed, and
+    the object stands on the table, for all estimators.
     """
-    surface = compared_estimator(estimator)(contacts, parse_noise(trial.noise))
     config = _with_noise(trial)
-    if config.free:
-        surface = carved(surface, contacts, margin=config.sensor().free_margin)
-        surface = above_table(surface, Perception.from_config(config, None).table)
+    known = Perception.from_config(config, None)
+    surface = estimate_surface(
+        known.judge(contacts).credible if config.free else contacts,
+        find_estimator(estimator, registry=COMPARED),
+        free_space=config.free,
+        margin=known.sensor.free_margin,
+        table=known.table if config.free else None,
+        **parse_noise(trial.noise).options(),
+    )
     return extract_mesh(surface, touched=contacts.points)
 
 

@@ -43,25 +43,25 @@ class Ball:
 
 
 def test_nothing_is_ruled_out_before_the_first_motion() -> None:
-    assert free(np.empty((0, 3))).mass == pytest.approx(1.0)
+    assert free(np.empty((0, 3))).weights.sum() == pytest.approx(1.0)
 
 
 def test_a_ball_of_free_space_rules_out_the_places_that_overlap_it() -> None:
     belief = free(np.array([[0.05, 0.05, 0.02]]))
     distances = np.linalg.norm(belief.centers - [0.05, 0.05], axis=1)
     touching = (distances < belief.radii) & (belief.heights > 0.02)
-    assert 0.8 < belief.mass < 1.0
+    assert 0.8 < belief.weights.sum() < 1.0
     assert not touching.any()
 
 
 def test_free_space_above_an_object_does_not_rule_it_out() -> None:
-    assert free(np.array([[0.05, 0.05, 0.2]])).mass == pytest.approx(1.0)
+    assert free(np.array([[0.05, 0.05, 0.2]])).weights.sum() == pytest.approx(1.0)
 
 
 def test_space_that_is_all_free_leaves_no_place_and_no_probe() -> None:
     axis = np.arange(-0.2, 0.2001, 0.01)
     grid = np.stack(np.meshgrid(axis, axis, [0.005], indexing="ij"), axis=-1).reshape(-1, 3)
-    assert free(grid).mass == 0.0
+    assert free(grid).weights.sum() == 0.0
     swept = ProbeOutcome(
         Probe(np.zeros(3), np.eye(3)[0], 0.1, 0.1),
         "missed",

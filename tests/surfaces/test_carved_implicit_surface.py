@@ -1,5 +1,7 @@
 """Space carving: closed forms, contacts that stay, and the true objects."""
 
+from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -28,11 +30,12 @@ from lis_grasp.pipeline.stages import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface, carved
-from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space
+from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface, carved, estimate, judge_contacts
+from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space, standing_on
 from lis_grasp.typing import FloatArray
 
 RADIUS = 0.04
+POSITION_NOISE, NORMAL_NOISE = 0.0005, 0.05  # [m], [rad]
 LOBE, LOBE_RADIUS = np.array([0.05, 0.0, 0.0]), 0.02
 
 
@@ -269,3 +272,58 @@ def test_the_command_line_carves_the_free_space_of_a_contact_file(
         assert main(arguments) == 0
         volumes[flag] = trimesh.load(output / "surface.ply").volume
     assert volumes["--free-space"] < 0.99 * volumes["--no-free-space"]
+
+
+def flat_ring(height: float = 0.0, count: int = 8, seed: int | None = None) -> Contacts:
+    """Contacts on the top and both walls of a ring of 6 mm on a table; of a seed with noise."""
+    noise = np.random.default_rng(seed).normal if seed is not None else lambda size: np.zeros(size)
+    at = 2.0 * np.pi * (np.arange(count) + 0.15 * noise(size=count))[:, None] / count
+    out = np.hstack([np.cos(at), np.sin(at), 0.0 * at])
+    up = np.tile([0.0, 0.0, 1.0], (count, 1))
+    walls = [radius * out + 0.005 * up for radius in (0.045, 0.025)]
+    points, normals = np.vstack([*walls, 0.035 * out + 0.006 * up]), np.vstack([out, -out, up])
+    normals = normals + NORMAL_NOISE * noise(size=normals.shape)
+    points = points + POSITION_NOISE * noise(size=points.shape) + [0.0, 0.0, height]
+    return Contacts(points, normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+@pytest.mark.parametrize("height", [0.0, -0.3])
+def test_walls_near_a_table_go_on_straight_down_to_it(height: float) -> None:
+    contacts = flat_ring(height)
+    feet = standing_on(contacts, height)[len(contacts) :]
+    assert_allclose(feet.points[:, :2], contacts.points[:16, :2])  # of the walls, not of the top
+    assert_allclose(feet.points[:, 2], height)
+    assert_allclose(feet.normals, contacts.normals[:16])
+    assert len(standing_on(contacts, height - 0.02)) == len(contacts)  # too high above it
+
+
+def test_few_touches_show_a_flat_ring_better_if_its_walls_reach_the_table() -> None:
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.06, 0.06, 33)] * 2, [0.001, 0.003, 0.005]), -1)
+    radii = np.hypot(grid[..., 0], grid[..., 1])
+    ring = (radii < 0.045) & (radii > 0.025)
+
+    def overlap(surface: ImplicitSurface) -> float:
+        inside = surface.evaluate(grid) < 0.0
+        return float((inside & ring).sum() / (inside | ring).sum())
+
+    noise = {"position_noise": POSITION_NOISE, "normal_noise": NORMAL_NOISE}
+    gains = []
+    for count, seed in product((4, 5), range(4)):
+        contacts = flat_ring(count=count, seed=seed)
+        without = overlap(estimate(contacts, **noise))
+        gains.append(overlap(estimate(contacts, table=0.0, **noise)) - without)
+    assert min(gains) > -0.05
+    assert np.mean(gains) > 0.05  # 0.15 of eight other sets, of which none lost more than 0.01
+
+
+def test_the_table_does_not_confirm_a_contact_that_lies() -> None:
+    flipped = flat_ring(0.0)
+    flipped = replace(
+        flipped, normals=np.where(np.arange(24)[:, None] == 3, -1, 1) * flipped.normals
+    )
+    assert judge_contacts(flipped).rows("flipped").tolist() == [3]
+    places = flipped.points + [0.001, 0.002, -0.003]
+    assert_allclose(
+        estimate(flipped, table=0.0).evaluate(places),
+        estimate(judge_contacts(flipped).credible, table=0.0).evaluate(places),
+    )
