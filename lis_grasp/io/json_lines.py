@@ -6,6 +6,7 @@ import json
 import mmap
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -25,12 +26,18 @@ def read_lines(path: Path) -> tuple[Row, list[Row]]:
     """
     if not os.path.exists(path):
         return {}, []
-    with reading(path, "one JSON object a line", most=_MOST_BYTES):
-        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-        rows = [json.loads(line) for line in lines if line.endswith("\n")]
-        if not all(isinstance(row, dict) for row in rows):
-            raise ReadError("a line is another value")
+    advice = "remove that line, or the file, and what it had is made again"
+    with reading(path, "one JSON object a line", most=_MOST_BYTES, advice=advice):
+        lines = enumerate(path.read_text(encoding="utf-8").splitlines(keepends=True), start=1)
+        rows = [_object(line, number) for number, line in lines if line.endswith("\n")]
     return (rows[0], rows[1:]) if rows else ({}, [])
+
+
+def _object(line: str, number: int) -> Row:
+    with suppress(ValueError, RecursionError):
+        if isinstance(row := json.loads(line), dict):
+            return row
+    raise ReadError(f"line {number} is none")
 
 
 def append_lines(path: Path, header: Row, rows: Sequence[Row]) -> None:

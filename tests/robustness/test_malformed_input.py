@@ -455,6 +455,15 @@ def test_a_log_of_other_values_is_refused(name: str, value: object, tmp_path: Pa
         load_outcomes(path)
 
 
+@pytest.mark.parametrize("line", ["{", "[]", "7", "[" * 200_000, '{"a": ' + "9" * 5000 + "}"])
+def test_the_damaged_line_of_a_log_is_named(line: str, tmp_path: Path) -> None:
+    path = READERS["touches.jsonl"].write(tmp_path)
+    rows = path.read_text().splitlines()
+    path.write_text("\n".join([*rows[:3], line, *rows[4:]]) + "\n")
+    with pytest.raises(InvalidFileError, match=r"line 4 is none\): remove that line, or the file"):
+        load_outcomes(path)
+
+
 @pytest.mark.parametrize("line", ["[" * 200_000, '{"a": ' + "9" * 5000 + "}"])
 def test_json_that_cannot_be_parsed_is_refused(line: str, tmp_path: Path) -> None:
     path = tmp_path / "touches.jsonl"
