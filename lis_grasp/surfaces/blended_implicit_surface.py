@@ -37,10 +37,6 @@ _NO_WEIGHT, _FULL_WEIGHT = 0.0, 0.3
 _NEAR, _FAR = 0.5, 1.0
 
 
-Smooth = GaussianProcessImplicitSurface | SmoothImplicitSurface
-"""The smooth part of a blend."""
-
-
 @made_by("from_contacts")
 @dataclass(frozen=True, slots=True, eq=False)
 class BlendedImplicitSurface:
@@ -62,7 +58,7 @@ class BlendedImplicitSurface:
     """
 
     sharp: PatchImplicitSurface  #: the estimate with sharp edges
-    smooth: Smooth  #: the estimate without
+    smooth: GaussianProcessImplicitSurface | SmoothImplicitSurface  #: the estimate without
     places: FloatArray  #: (M, 3) [m], places of contacts
     log_ratios: FloatArray  #: (M,), mean log (error of smooth / error of sharp) at each place
 
@@ -84,13 +80,14 @@ class BlendedImplicitSurface:
         sharp = PatchImplicitSurface.from_contacts(prepared)
         with_noise = prepared.with_noise(sharp.position_noise, sharp.normal_noise)
         bound = GaussianProcessImplicitSurface.from_contacts(with_noise)
-        smooth: Smooth = SmoothImplicitSurface.beside(bound, prepared)
+        own = SmoothImplicitSurface.beside(bound, prepared)
+        smooth: GaussianProcessImplicitSurface | SmoothImplicitSurface = own
         places, normals = prepared.places, sharp.normals
         log_ratios = np.zeros(len(places.nodes))
         if len(places.nodes) >= _LEAST_PLACES:
             folds = (np.arange(len(places.nodes)) % _FOLDS)[places.place]
             of_sharp = log_errors(_predict_left_out(sharp, folds), normals, places)
-            log_ratios = log_errors(smooth.leave_groups_out(folds), normals, places) - of_sharp
+            log_ratios = log_errors(own.free.leave_groups_out(folds), normals, places) - of_sharp
             if _overall(log_ratios) >= _NO_WEIGHT:  # an object with edges
                 smooth = bound
                 log_ratios = log_errors(bound.leave_groups_out(folds), normals, places) - of_sharp
@@ -130,8 +127,7 @@ class BlendedImplicitSurface:
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        That of a mixture: the weighted mean of both variances, and the variance between both. A
-        sharp estimate is believed less, the farther it is from the smooth one, in spacings.
+        That of a mixture; patches weigh less, the farther they are from the smooth estimate.
         """
         rows, shape = flat_points(points)
         values = self.smooth.evaluate(rows)

@@ -24,6 +24,9 @@ _COVERED = 0.5
 # No area is larger than that of the box round the contacts; of so few contacts, than half of it.
 _FEW = 4
 
+# An object ends at least so far beyond its contacts, in spacings of places.
+_MARGIN = 0.25
+
 # Distances that differ by less, as a fraction of the largest, are equal.
 _EQUAL_DISTANCES = 1e-9
 
@@ -117,6 +120,10 @@ def resolution_of(contacts: Contacts) -> float:
     return max(SMALLEST, _ROUNDING * farthest)
 
 
-def padded_bounds(contacts: Contacts, margin: float) -> FloatArray:
-    """Return the contacts' bounding box grown by a margin [m] on all sides, shape (2, 3) [m]."""
+def box_of(contacts: Contacts, places: ContactPlaces) -> FloatArray:
+    """Return the box in which an estimate is valid, shape (2, 3) [m].
+
+    The contacts' box grown by their spacing, or more if a pad's contacts are millimetres apart.
+    """
+    margin = max(spacing_of(contacts), _MARGIN * places.spacing)
     return contacts.bounds + margin * np.array([[-1.0], [1.0]])

@@ -23,8 +23,8 @@ from lis_grasp.surfaces._contact_noise import (
 from lis_grasp.surfaces._contradictions import FLIPPED, SOUND, find_contradictions
 from lis_grasp.surfaces.contact_places import (
     ContactPlaces,
+    box_of,
     farthest_point_order,
-    padded_bounds,
     resolution_of,
     spacing_of,
 )
@@ -80,8 +80,8 @@ class PreparedContacts:
 
     @cached_property
     def bounds(self) -> FloatArray:
-        """The contacts' box grown by one spacing, shape (2, 3) [m]."""
-        return padded_bounds(self.contacts, self.spacing)
+        """The box in which estimates are valid, shape (2, 3) [m]."""
+        return box_of(self.contacts, self.places)
 
     @cached_property
     def places(self) -> ContactPlaces:

@@ -88,7 +88,7 @@ class GaussianProcessImplicitSurface:
     mean: float  #: prior mean, scaled
     squeeze: FloatArray | None  #: (3, 3), maps scaled to stretched coordinates; None for the same
     gain: float  #: makes f metric where gradients are of free length
-    bounds: FloatArray  #: (2, 3) [m], the contacts' box grown by one spacing
+    bounds: FloatArray  #: (2, 3) [m], the contacts' box grown by a margin
     _contacts: PreparedContacts
     _process: GradientRegression
 
@@ -211,12 +211,7 @@ class GaussianProcessImplicitSurface:
 
     @cached_property
     def amplitude(self) -> float:
-        """Standard deviation of the prior, scaled.
-
-        It fits the residuals of K places that are left out
-        (`GradientRegression.leave_groups_out_amplitude`), times sqrt(1 + 2 / K): few places hardly
-        determine it, so that errors are distributed like Student's t of about K + 2 degrees.
-        """
+        """Standard deviation of the prior, scaled, see `variance`."""
         # Contacts of one place predict each other, however wrong the surface between places.
         places = self._contacts.places
         fitted = self._process.leave_groups_out_amplitude(places.place, places.nodes)
@@ -238,7 +233,8 @@ class GaussianProcessImplicitSurface:
         """Return the posterior variance of f, shape (...) [m^2].
 
         k(x, x) - k_*^T (K + noise)^-1 k_* (Rasmussen and Williams 2006, eq. 2.26), times the square
-        of the prior's amplitude.
+        of the prior's amplitude. It fits the residuals of K places that are left out, times
+        sqrt(1 + 2 / K), as of Student's t.
         """
         rows, shape = self._scaled(points)
         variances = map_rows(self._process.variance, rows, ROWS * len(self.points))

@@ -19,7 +19,7 @@ from lis_grasp.surfaces.gaussian_process_implicit_surface import (
     GaussianProcessImplicitSurface,
 )
 from lis_grasp.surfaces.queries import flat_points
-from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.typing import FloatArray
 
 # Length of the kernel in largest distances between two contacts, and whether it is stretched. The
 # first is the default: another is chosen if it predicts places that are left out better, by more
@@ -134,10 +134,6 @@ class SmoothImplicitSurface:
         """
         differences = self.free.evaluate(points) - self.bound.evaluate(points)
         return np.hypot(self.free.uncertainty(points), _DOUBT * differences)
-
-    def leave_groups_out(self, groups: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """Return leave-group-out predictions of the free process at contacts, f and gradient."""
-        return self.free.leave_groups_out(groups)
 
     def _agreement(self, differences: FloatArray) -> tuple[FloatArray, FloatArray]:
         return agreement(differences, _NEAR * self.spacing, _FAR * self.spacing)

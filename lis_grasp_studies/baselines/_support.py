@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.surfaces.contact_places import padded_bounds, spacing_of
+from lis_grasp.surfaces.contact_places import ContactPlaces, box_of, spacing_of
 from lis_grasp.surfaces.contact_preparation import merge_duplicates
 from lis_grasp.surfaces.queries import flat_points, require_contacts
 from lis_grasp.typing import FloatArray
@@ -54,8 +54,9 @@ class BaselineSurface:
 
     @property
     def bounds(self) -> FloatArray:
-        """The contacts' box, grown by one spacing, shape (2, 3) [m]."""
-        return padded_bounds(self.support.contacts, self.support.spacing)
+        """The box of `gpis`, shape (2, 3) [m]."""
+        contacts = self.support.contacts
+        return box_of(contacts, ContactPlaces.of(contacts.points))
 
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface, shape (...) [m].

@@ -28,8 +28,7 @@ from lis_grasp_studies.harness.page import Picture
 from lis_grasp_studies.harness.tables import Table, rows_csv, write_tables
 
 _BOXES = {
-    "contacts": "the contacts' box grown by the median distance between nearest contacts, the same"
-    " for all estimators",
+    "contacts": "the contacts' box grown by the margin of `gpis`, the same for all estimators",
     "explored": "the contacts' box grown by the explored radius, the same for all estimators",
     "own": "the box of each estimator's own bounds",
 }

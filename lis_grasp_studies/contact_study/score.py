@@ -22,7 +22,7 @@ from lis_grasp.meshing import extract_mesh
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.shapes.solids import solid_of
 from lis_grasp.surfaces import ImplicitSurface
-from lis_grasp.surfaces.contact_places import padded_bounds, spacing_of
+from lis_grasp.surfaces.contact_places import ContactPlaces, box_of
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.contact_study.contact_sets import (
     ContactCase,
@@ -50,9 +50,9 @@ EXPLORED = STEP_FRACTION
 """Explored is what is within this fraction of the object's size of a contact: 5 cm at 20 cm."""
 
 Box = Literal["contacts", "explored", "own"]
-"""Where an estimate is meshed: in the contacts' box grown by the median distance between nearest
-contacts, which is that of `gpis`; in the contacts' box grown by the explored radius, which clips
-nothing that is measured; or within its own `bounds`. The first two are the same for all."""
+"""Where an estimate is meshed: in the box of `gpis`, the contacts' box grown by their spacing; in
+that grown by the explored radius, which clips nothing that is measured; or within its own `bounds`.
+The first two are the same for all."""
 
 TRUTH = "truth"
 """Name of the true surface among estimators, clipped by the box: the smallest possible errors."""
@@ -135,8 +135,9 @@ def score_truth(data: ContactSet, *, box: Box = "contacts") -> EstimateScore:
 
 def meshing_box(data: ContactSet, box: Box) -> FloatArray:
     """Return the box that every estimate of a contact set is meshed in, shape (2, 3) [m]."""
-    margin = spacing_of(data.contacts) if box == "contacts" else EXPLORED * data.shape.size
-    return padded_bounds(data.contacts, margin)
+    if box == "contacts":
+        return box_of(data.contacts, ContactPlaces.of(data.contacts.points))
+    return data.contacts.bounds + EXPLORED * data.shape.size * np.array([[-1.0], [1.0]])
 
 
 def _measured(

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
+from lis_grasp.geometry import unit
+from lis_grasp.meshing import extract_mesh
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
 from lis_grasp.surfaces.contact_preparation import merge_duplicates
 
@@ -162,6 +165,16 @@ def test_uncertainty_is_small_at_contacts_and_larger_between_them(name: str) -> 
     top = np.array([0.0, 0.0, 0.05])
     assert surface.uncertainty(contacts.points).max() < 0.1 * contacts.spacing
     assert untouched.uncertainty(top) > surface.uncertainty(contacts.points).max()
+
+
+@pytest.mark.parametrize("name", ["gpis", "smooth", "blend"])
+def test_a_ball_touched_by_pads_is_not_cut_off(name: str) -> None:
+    # Twelve touches of five contacts within 2 mm; none is higher than 85 % of the radius.
+    ball = trimesh.creation.icosahedron().vertices
+    beside = 0.02 * np.random.default_rng(0).normal(size=(5, 12, 3))
+    normals = unit(ball / np.linalg.norm(ball[0]) + beside).reshape(-1, 3)
+    mesh = extract_mesh(ESTIMATORS[name](Contacts(0.05 * normals, normals)))
+    assert np.abs(np.linalg.norm(mesh.vertices, axis=1) - 0.05).max() < 0.001
 
 
 @every_estimator
