@@ -28,7 +28,7 @@ shutil.copytree(
     ignore=shutil.ignore_patterns(".ipynb_checkpoints"),
 )
 
-WORDS = 47_300
+WORDS = 46_200
 logger = logging.getLogger(__name__)
 
 project = "lis_grasp"

@@ -23,7 +23,6 @@ from lis_grasp.robots.shipped_models import READY_HANDS, VENDOR_HANDS
 from lis_grasp.shapes import NAMES
 from lis_grasp.simulation.drake import dynamic_prober
 from lis_grasp.surfaces import ESTIMATORS
-from lis_grasp_studies.evaluation.grasp_tables import published_objects
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -102,7 +101,7 @@ def test_defaults_are_those_of_the_configuration() -> None:
         *_found(r"`(\w+)`,? the default (?:estimator|policy|hand)"),
         *_found(r"default (?:estimator|policy|hand) is `(\w+)`"),
     ]
-    assert len(named) >= 5
+    assert len(named) >= 4
     kinds = {"estimator": ESTIMATORS, "policy": POLICIES, "hand": READY_HANDS}
     for page, name in named:
         (option,) = (option for option, names in kinds.items() if name in names)
@@ -180,7 +179,7 @@ def _module_of(name: str) -> tuple[Any, str] | None:
 def test_named_python_objects_exist() -> None:
     named = _found(r"`~?(lis_grasp(?:\.\w+)+)`")
     assert len(named) > 15
-    listed = re.compile(r"^\.\. auto\w+:: (\S+)$", re.MULTILINE)
+    listed = re.compile(r"^\.\. auto\w+:: ([\w.]+)(?:\(\))?$", re.MULTILINE)
     for page in DOCS.rglob("*.rst"):
         named += [(page.name, name) for name in listed.findall(_text(page))]
     assert len(named) > 50
@@ -203,11 +202,6 @@ def _number(word: str) -> int:
 _COUNTS: tuple[tuple[str, str, Callable[[], int]], ...] = (
     ("docs/hands.md", r"(\w+) vendors' hands are ready", lambda: len(VENDOR_HANDS)),
     ("docs/hands.md", r"the (\w+) built-in shapes", lambda: len(NAMES)),
-    (
-        "notebooks/05_does_a_better_surface_give_a_better_grasp.ipynb",
-        r"published study \(`docs/results.md`\) has (\d+) objects",
-        lambda: sum(map(len, published_objects().values())),
-    ),
 )
 
 

@@ -52,8 +52,8 @@ def add_hand(
     name
         Of the new model instance: another one for each hand.
     instance
-        The model instance of a hand that is in the plant already, by ``Parser`` or directives: its
-        links and joints are found by their names, and nothing is added. The plant may be finalized.
+        The model instance of a hand that ``Parser`` or directives added to the plant: its links and
+        joints are found by their names. The plant may be finalized.
     parent, X_PG
         A frame to which G is welded, and the pose of G in it; None for the identity.
     gains

@@ -74,15 +74,14 @@ class HapticExplorer(LeafSystem):
         contacts, estimate -> HapticExplorer -> X_WG, joint_state, arm_state, listening, done,
                                                 exploration
 
-    It is `lis_grasp.exploration.explore` in a Diagram, with the same step: the same outcomes lead
-    to the same probe. ``contacts`` are those of a `TouchSensor`, ``estimate`` is that of a
-    `SurfaceEstimator` of the same contacts. ``X_WG`` is the desired pose of the hand's base link,
+    It has the same step as `lis_grasp.exploration.explore`. ``contacts`` are those of a
+    `TouchSensor`, ``estimate`` is that of a `SurfaceEstimator` of the same contacts. ``X_WG`` is the desired pose of the hand's base link,
     continuous in time. ``joint_state`` (2J,) has desired positions and rates in the order of the
     hand's actuators, for ``plant.get_desired_state_input_port(hand.instance)``. ``listening`` is 1
     on approach and probe; connect it to the sensor's ``enable``. ``done`` is 1 at the end, and
     ``exploration`` is the `Exploration` so far. With a station there is also ``arm_state`` (2K,).
-    Outputs depend on the system's state and the time alone, so loops through the plant are no
-    algebraic loops. Contacts before the first probe are prior knowledge.
+    Loops through the plant are no algebraic loops. Contacts before the first probe are prior
+    knowledge.
 
     Parameters
     ----------
@@ -109,8 +108,7 @@ class HapticExplorer(LeafSystem):
     probe_speed
         Of a free hand on the probe's own motion [m/s].
     station
-        Arm, mount and table, the arm's base in the world. The arm begins at its home,
-        `station.arm.home` where that is free; its ways are checked for collisions.
+        Arm, mount and table, the arm's base in the world. The arm begins at its home.
     period
         Between two looks at the contacts [s].
 

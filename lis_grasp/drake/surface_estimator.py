@@ -79,9 +79,8 @@ class SurfaceEstimator(LeafSystem):
         contacts -> SurfaceEstimator -> estimate
 
     ``contacts`` are those of a `TouchSensor`. ``estimate`` is a frozen record with ``contacts``,
-    ``surface`` (None without contacts) and ``mesh`` (None while it is not closed), all in E; what
-    is not used is not computed, and nothing is computed twice for the same contacts. The system has
-    no state. Several estimators on one port compare methods.
+    ``surface`` (None without contacts) and ``mesh`` (None while it is not closed), all in E, each
+    computed at its first use. The system has no state.
 
     Parameters
     ----------

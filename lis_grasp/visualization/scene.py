@@ -60,12 +60,11 @@ _LEAST_SIZE = 0.01  # [m] of a scene with a single contact
 class Scene:
     """Content of a scene page, shown on a time line that can be played; a notebook displays it.
 
-    The time line has chapters for touches, candidate grasps and the lift. The fragment of the
-    page's address sets the view: ``#t=2.5`` the time [s], ``play=1`` plays, ``layers=`` a
-    comma-separated list of ``estimate``, ``truth``, ``contacts``, ``normals``, ``free``,
-    ``search``, ``motion``, ``hand``, ``grasp-1`` (and so on), ``together``, ``lift``; ``azimuth``,
-    ``elevation`` [deg] and ``zoom`` set the camera; ``panel=0`` hides the overlay, ``panel=1``
-    unfolds it, ``panel=fold`` folds it. Parts are joined by ``&``.
+    The fragment of the page's address sets the view, such as ``#t=2.5&play=1``: the time [s],
+    whether it plays, ``layers`` (a comma-separated list of ``estimate``, ``truth``, ``contacts``,
+    ``normals``, ``free``, ``search``, ``motion``, ``hand``, ``grasp-1`` and so on, ``together``,
+    ``lift``), ``azimuth``, ``elevation`` [deg], ``zoom``, and ``panel``: 0 hides the overlay, 1
+    unfolds and ``fold`` folds it.
 
     Parameters
     ----------
@@ -73,22 +72,19 @@ class Scene:
         The true object [m], in O; a glass shell round the estimate, solid in the lift.
     estimate
         The estimated surface [m], in O, coloured by its ``vertex_attributes["uncertainty"]``,
-        shape (V,) [m], on a scale that depends on the object's size only; in one colour if there
-        is none, or none is finite.
+        shape (V,) [m], if it has one, on a scale that depends on the object's size only.
     contacts
         Contacts in O, in the order of the touches.
     bad_contacts
         Rows of those that others contradict, to draw them in a colour of their own.
     growth
-        Earlier estimates, each with its number of contacts; the numbers increase, and are less than
-        that of all contacts, unless `estimate` is still missing.
+        Earlier estimates, each with its number of contacts, which increases.
     touches
-        The probe outcome that made each contact, None where it is unknown; or empty. The hand is
-        drawn at its `hand_pose`, and approaches along the probe's direction.
+        The probe outcome that made each contact, None where it is unknown; or empty.
     grasps
         Candidate grasps, the best first; five are shown.
     hand
-        The hand of `touches`, `grasps` and `motion`; required if there are any.
+        The hand of `touches`, `grasps` and `motion`.
     motion
         The lift, in the frame O of the object at its start.
     station
@@ -99,18 +95,17 @@ class Scene:
         What the hand must not hit [m], in O.
     region, search
         The region that contained the object, on the table z = 0, and the outcomes of the search up
-        to the first contact; drawn with the touches.
+        to the first contact.
     moved
-        The outcomes of an exploration that moved the object, to draw its tracked and true path.
+        The outcomes of an exploration that moved the object.
     title, headline, summary
-        Plain text: a heading, the numbers that matter most, each with what it is, and the lines
-        that are folded below them.
+        Plain text: a heading, numbers with what they are, and lines that are folded below them.
 
     Raises
     ------
     InvalidOptionError
-        If there is nothing to show, if the hand is missing or is not that of the grasps, or if
-        `touches` or `growth` do not match the contacts.
+        If there is nothing to show, the hand is missing or not that of the grasps, or `touches` or
+        `growth` do not match the contacts.
 
     Examples
     --------

@@ -47,7 +47,7 @@ const Story = (facts) => {
       const best = now.rank === 1 ? ", the best" : "";
       return `Grasp ${now.rank} of ${grasp.planned}${best}; ${noteOf(now.rank)}`;
     }
-    return now.name === "lift" ? "The best grasp, executed on the true object" : "";
+    return now.name === "lift" ? "Best grasp on the true object" : "";
   }
 
   // The chapter of a time, and the touches or seconds since its start.
