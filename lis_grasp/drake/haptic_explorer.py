@@ -75,13 +75,13 @@ class HapticExplorer(LeafSystem):
                                                 exploration
 
     It has the same step as `lis_grasp.exploration.explore`. ``contacts`` are those of a
-    `TouchSensor`, ``estimate`` is that of a `SurfaceEstimator` of the same contacts. ``X_WG`` is the desired pose of the hand's base link,
-    continuous in time. ``joint_state`` (2J,) has desired positions and rates in the order of the
-    hand's actuators, for ``plant.get_desired_state_input_port(hand.instance)``. ``listening`` is 1
-    on approach and probe; connect it to the sensor's ``enable``. ``done`` is 1 at the end, and
-    ``exploration`` is the `Exploration` so far. With a station there is also ``arm_state`` (2K,).
-    Loops through the plant are no algebraic loops. Contacts before the first probe are prior
-    knowledge.
+    `TouchSensor`, ``estimate`` is that of a `SurfaceEstimator` of the same contacts. ``X_WG`` is
+    the desired pose of the hand's base link, continuous in time. ``joint_state`` (2J,) has desired
+    positions and rates in the order of the hand's actuators, for
+    ``plant.get_desired_state_input_port(hand.instance)``. ``listening`` is 1 on approach and probe;
+    connect it to the sensor's ``enable``. ``done`` is 1 at the end, and ``exploration`` is the
+    `Exploration` so far. With a station there is also ``arm_state`` (2K,). Loops through the plant
+    are no algebraic loops. Contacts before the first probe are prior knowledge.
 
     Parameters
     ----------
