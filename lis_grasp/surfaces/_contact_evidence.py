@@ -51,7 +51,7 @@ _TOUCHING = 0.5
 
 # Balls of free space that are looked at for each contact, and how deep inside of them a contact
 # contradicts them: in that distance, and in standard deviations.
-_FREE_NEIGHBOURS = 8
+_FREE_NEIGHBOURS = 64
 _DEEP, _NOISE_REACH = 0.1, 4.0
 
 # Log odds of a stray: of its distance from the surface in spacings up to 1, and in distances to the
@@ -241,8 +241,8 @@ def _free_space(
     k = min(_FREE_NEIGHBOURS, len(centers))
     away, near = (x.reshape(count, k) for x in cKDTree(centers).query(contacts.points, k))
     gaps = away - contacts.free_radii[near]
-    nearest = (range(count), np.argmin(gaps, axis=1))
+    nearest = (range(count), np.argmin(np.abs(gaps), axis=1))
     outside = centers[near[nearest]] - contacts.points
     touching = (np.abs(gaps[nearest]) < reach) & (away[nearest] > 0.0)
     outside *= (touching / np.where(touching, away[nearest], 1.0))[:, None]
-    return outside, gaps[nearest] < -(_DEEP * reach + _NOISE_REACH * noise)
+    return outside, gaps.min(axis=1) < -(_DEEP * reach + _NOISE_REACH * noise)

@@ -29,6 +29,8 @@ _NEAR_TABLE, _LEAST_SLOPE, _LARGEST_SLOPE = 0.0135, -0.2, 0.5
 # An estimate is about a distance: a ball whose centre has a value of this many radii is free.
 _FAR = 1.5
 
+_Depths = tuple[IndexArray, FloatArray, FloatArray]  # points, (A,), depths (A,), slopes (A, 3)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Remainder:
@@ -58,9 +60,7 @@ class _Remainder:
         gradients[checked[deeper]] = slopes[deeper]
         return gradients.reshape(*shape, 3)
 
-    def _depths(
-        self, points: FloatArray, values: FloatArray
-    ) -> tuple[IndexArray, FloatArray, FloatArray]:
+    def _depths(self, points: FloatArray, values: FloatArray) -> _Depths:
         """Return points that may be in free space (A,), their depth (A,) and its slopes (A, 3)."""
         raise NotImplementedError
 
@@ -94,17 +94,13 @@ class CarvedImplicitSurface(_Remainder):
         deviations[carved] = np.hypot(deviations[carved], np.minimum(values[carved], 0.0))
         return deviations.reshape(shape)
 
-    def _depths(
-        self, points: FloatArray, values: FloatArray
-    ) -> tuple[IndexArray, FloatArray, FloatArray]:
+    def _depths(self, points: FloatArray, values: FloatArray) -> _Depths:
         checked = np.flatnonzero(values < self.radii.max())  # the largest depth
 
         def deepest(chosen: FloatArray) -> FloatArray:
             depths = self.radii - cdist(chosen, self.centers)  # (A, K)
             ball = np.argmax(depths, axis=1)
-            towards = self.centers[ball] - chosen
-            length = np.linalg.norm(towards, axis=1, keepdims=True)
-            slopes = towards / np.maximum(length, np.finfo(np.float64).tiny)
+            slopes = unit(self.centers[ball] - chosen, least=float(np.finfo(np.float64).tiny))
             return np.column_stack([depths[np.arange(len(chosen)), ball], slopes])
 
         found = map_rows(deepest, points[checked], len(self.radii))
@@ -129,9 +125,7 @@ class AboveTableImplicitSurface(_Remainder):
         """Return one standard deviation of the estimate along its normal, shape (...) [m]."""
         return self.surface.uncertainty(points)
 
-    def _depths(
-        self, points: FloatArray, values: FloatArray
-    ) -> tuple[IndexArray, FloatArray, FloatArray]:
+    def _depths(self, points: FloatArray, values: FloatArray) -> _Depths:
         down = np.broadcast_to([0.0, 0.0, -1.0], points.shape)
         return np.arange(len(points)), self.height - points[:, 2], down
 
@@ -205,9 +199,8 @@ def _free_balls(
     Shapes (K, 3), (K,) and (K,) [m]; no ball contains a contact.
     """
     centers, radii = contacts.free_points, contacts.free_radii - margin
-    low, high = bounds
-    overlaps = (radii > 0.0) & np.all(centers + radii[:, None] > low, axis=1)
-    overlaps &= np.all(centers - radii[:, None] < high, axis=1)
+    overlaps = (radii > 0.0) & np.all(centers + radii[:, None] > bounds[0], axis=1)
+    overlaps &= np.all(centers - radii[:, None] < bounds[1], axis=1)
     centers, radii = centers[overlaps], radii[overlaps]
     nearest, _ = cKDTree(contacts.points).query(centers)
     return centers, np.minimum(radii, nearest), nearest

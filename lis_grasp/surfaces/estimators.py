@@ -85,11 +85,8 @@ class PluggedEstimator:
 
     def _require_shapes(self, surface: ImplicitSurface, contacts: Contacts) -> None:
         points = contacts.points[:2]
-        for member, wanted in (
-            ("evaluate", points.shape[:1]),
-            ("gradient", points.shape),
-            ("uncertainty", points.shape[:1]),
-        ):
+        for member in _MEMBERS[:3]:
+            wanted = points.shape if member == "gradient" else points.shape[:1]
             shape = np.shape(getattr(surface, member)(points))
             if shape != wanted:
                 raise InvalidOptionError(

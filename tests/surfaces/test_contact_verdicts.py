@@ -234,3 +234,17 @@ def test_one_viewpoint_cannot_see_all_sides_of_an_object() -> None:
     towards = np.array([0.48, 0.6, 0.64])
     inward = replace(seen, normals=-seen.normals)
     np.testing.assert_array_equal(orient_normals(inward, viewpoint=towards).normals, seen.normals)
+
+
+@pytest.mark.parametrize("behind", [0.004, -0.002])
+def test_a_large_fingertip_shows_its_side_beside_many_small_balls_behind(behind: float) -> None:
+    """A tip of 12 mm touches each contact; balls of 2 mm are behind a thin wall, or overlap it."""
+    contacts = touched(BOX, 24)
+    tips = contacts.points + 0.012 * contacts.normals
+    beside = 0.001 * np.random.default_rng(0).normal(size=(12, 24, 3))
+    small = contacts.points - (behind + 0.002) * contacts.normals + beside
+    free = np.vstack([tips, small.reshape(-1, 3)])
+    radii = np.repeat([0.012, 0.002], [24, 12 * 24])
+    contacts = replace(contacts, free_points=free, free_radii=radii)
+    sides = Evidence.of(contacts, np.full(24, 0.0005), np.full(24, 0.05)).facing()
+    assert (sides > 0.9).mean() > 0.9
