@@ -28,6 +28,10 @@ WRIST_DAMPING = (4e2, 6.0)
 WRIST_LIMITS = (150.0, 15.0)
 """Largest efforts of the wrist's prismatic and revolute joints [N, N m]."""
 
+# Inertia of a finger's small motor at the joint, with its gears [kg m^2]. Hands' files give none.
+# Drake's friction creeps by its time step and by what moves at the contact: light fingers alone
+# walked over an edge, off flat things that MuJoCo, and Drake in steps of 1 ms, held.
+_MOTOR_INERTIA = 1e-3
 # Joint error at which a finger's spring gives full effort: it yields to errors of the estimate.
 _FULL_EFFORT_ERROR = {"revolute": 0.1, "prismatic": 0.01}  # [rad], [m]
 _RESERVE = 3.0  # times the effort that the largest contact force needs
@@ -128,6 +132,11 @@ def finger_gains(hand: Hand, grasp: Grasp) -> tuple[FloatArray, FloatArray]:
     errors = by_joint_kind(hand, **_FULL_EFFORT_ERROR)
     stiffness = useful_efforts(hand, grasp.joint_positions) / errors
     return stiffness, _DAMPING_TIME * stiffness
+
+
+def motor_inertias(hand: Hand) -> FloatArray:
+    """Return the inertia of the motors at the joints (J,) [kg m^2, kg], 0 where jaws slide."""
+    return by_joint_kind(hand, revolute=_MOTOR_INERTIA, prismatic=0.0)
 
 
 def plan_arm_lift(

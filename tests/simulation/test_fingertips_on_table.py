@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import trimesh
 
@@ -12,6 +13,8 @@ from lis_grasp.simulation.drake.lift import LiftScene
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: bootstrap.sh mujoco")
 pytest.importorskip("coacd", reason="CoACD is not installed: bootstrap.sh mujoco")
+
+from mujoco import mj_mulM
 
 from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces
 from lis_grasp.simulation.mujoco.lift import MujocoScene
@@ -49,6 +52,24 @@ def test_fingertips_feel_the_table_and_lift_a_strip_of_4_mm(
     # 0.01 N s at 8 mm/s, which MuJoCo's stiff contact of 2 ms takes with 5 N more.
     assert max(forces) <= 8.0
     assert max(forces) >= 0.3 or off > 0.0
+
+
+def test_fingers_have_the_inertia_of_links_and_motors_in_both_simulators(grasp: Grasp) -> None:
+    setup = LiftSetup(STRIP, HAND, grasp, 0.0, 0.1, 0.8)
+    drake, mujoco = LiftScene(setup), MujocoScene(setup, convex_pieces(STRIP))
+    plant = drake._scene.plant
+    joints = [joint.velocity_start() for joint in drake._hand.joints]
+    for scene in (drake, mujoco):
+        scene.place_hand(np.zeros(6), grasp.joint_positions)
+    of_drake = plant.CalcMassMatrix(drake._scene.context)
+    moved = [mujoco._model.joint(f"hand/{name}").dofadr[0] for name in HAND.joint_names]
+    unit, column = np.eye(mujoco._model.nv), np.zeros(mujoco._model.nv)
+    found = np.zeros((len(moved), len(moved)))
+    for k, joint in enumerate(moved):
+        mj_mulM(mujoco._model, mujoco._data, column, unit[joint])
+        found[:, k] = column[moved]
+    np.testing.assert_allclose(found, of_drake[np.ix_(joints, joints)], rtol=1e-6, atol=1e-9)
+    assert found.diagonal().min() > 1e-3  # that of the motors
 
 
 def _record_forces(scene: LiftScene | MujocoScene) -> list[float]:

@@ -27,6 +27,7 @@ from lis_grasp.lifting.setup import (
     WRIST_STIFFNESS,
     LiftSetup,
     finger_gains,
+    motor_inertias,
 )
 from lis_grasp.lifting.trial import AcceptGrasp, LiftTrial
 from lis_grasp.motion import OBJECT
@@ -86,6 +87,9 @@ class LiftScene:
         plant = scene.plant
         gains = finger_gains(hand, setup.grasp)
         self._hand = add_hand(plant, hand, gains=gains, friction=friction, modulus=LIFTING_SKIN)
+        for joint, inertia in zip(self._hand.joints, motor_inertias(hand), strict=True):
+            motor = plant.GetJointActuatorByName(joint.name(), self._hand.instance)
+            motor.set_default_rotor_inertia(inertia)
         self.carrier: WristInPlant | ArmCarrier = (
             WristInPlant(plant, self._hand, setup.X_WB)
             if setup.arm is None

@@ -12,7 +12,13 @@ from lis_grasp.geometry import apply_pose, make_pose, rotate, unit
 from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.lifting.scene import FreeWrist, HandContact, Touched
-from lis_grasp.lifting.setup import WRIST_DAMPING, WRIST_STIFFNESS, LiftSetup, finger_gains
+from lis_grasp.lifting.setup import (
+    WRIST_DAMPING,
+    WRIST_STIFFNESS,
+    LiftSetup,
+    finger_gains,
+    motor_inertias,
+)
 from lis_grasp.lifting.trial import AcceptGrasp, LiftTrial
 from lis_grasp.motion import OBJECT
 from lis_grasp.simulation.mujoco._mjcf import HAND, TIME_STEP, WRIST_JOINTS, scene_mjcf
@@ -62,6 +68,8 @@ class MujocoScene:
         self._moved = [(model.joint(HAND + joint.name), joint) for joint in moved]
         actuated = [model.joint(HAND + name) for name in hand.joint_names]
         self._finger_q = [joint.qposadr[0] for joint in actuated]
+        model.dof_armature[[joint.dofadr[0] for joint in actuated]] = motor_inertias(hand)
+        mujoco.mj_setConst(model, self._data)
         self._wrist_q = [model.joint(name).qposadr[0] for name in WRIST_JOINTS]
         self._lead = np.repeat(np.array(WRIST_DAMPING) / np.array(WRIST_STIFFNESS), 3)  # [s]
         self._stiffness, _ = finger_gains(hand, setup.grasp)
