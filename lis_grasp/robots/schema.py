@@ -14,7 +14,7 @@ _LARGEST = 1e6
 
 
 def _not_zero(vector: list[float]) -> list[float]:
-    if not np.any(vector):
+    if np.linalg.norm(vector) < np.finfo(np.float64).eps:  # squares below 1e-308 are zero
         raise ValueError("must not be zero")
     return vector
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import atexit
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -95,7 +96,8 @@ def _content(path: Path, folder: Path) -> bytes:
         return header + b"".join(json.dumps(without_times(row)).encode() + b"\n" for row in whole)
     if path.name in ("rows.csv", "rows.parquet") or path.parent.name == "rows":
         return b""  # made of rows.jsonl, with its times
-    return path.read_bytes().replace(str(folder).encode(), b"FOLDER")
+    content = path.read_bytes().replace(str(folder).encode(), b"FOLDER")
+    return re.sub(rb"[\d.]+ hours of jobs", b"", content)
 
 
 def _kill_once(

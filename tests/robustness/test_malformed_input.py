@@ -288,6 +288,16 @@ def test_an_overflowing_direction_is_refused(number: float, tmp_path: Path) -> N
     assert error.value.key == "approach[2]"
 
 
+@pytest.mark.parametrize("number", [0.0, 5e-324, 1e-170])
+def test_a_direction_whose_length_underflows_is_refused(number: float, tmp_path: Path) -> None:
+    hand, _ = hand_files(tmp_path, "urdf")
+    content = yaml.safe_load(hand.read_text())
+    hand.write_text(yaml.safe_dump(content | {"approach": [0, 0, number]}))
+    with pytest.raises(InvalidHandError, match="must not be zero") as error:
+        Hand.load(hand)
+    assert error.value.key == "approach"
+
+
 def _write(content: str) -> Callable[[Path], None]:
     return lambda file: file.write_text(content, encoding="utf-8") and None
 
