@@ -37,7 +37,7 @@ _TYPES: dict[type, str] = {
     int: "touches seed grasps attempts executed contacts triangles grasps_found candidates",
     bool: "edged watertight lifted held",
     str: "key object object_digest hand noise estimator prober explorer policy units"
-    f" conditions version {MACHINE} contacts_digest rejections reason failure",
+    f" conditions version {MACHINE} contacts_digest family rejections reason failure",
 }
 
 
