@@ -48,9 +48,8 @@ class Contacts(Record):
     free_points
         Shape (K, 3) [m], in free space: the hand passed through them without a contact.
     free_radii
-        Shape (K,) [m], of balls about the free points that are free of the object. Empty means 0
-        for all: only the points themselves are known to be free. A half-space, such as that beyond
-        a side where the object was felt to end, is a ball of `HALF_SPACE`.
+        Shape (K,) [m], of free balls about these points; empty if only the points are known to be
+        free. A half-space, such as that beyond a felt end, is a ball of `HALF_SPACE`.
     position_noise
         Shape (N,) [m], one standard deviation of each contact's position along its normal. NaN
         where it is unknown; None if it is unknown for all.
@@ -58,15 +57,14 @@ class Contacts(Record):
         Shape (N,) [rad], one standard deviation of each component of each contact's normal
         perpendicular to it. NaN and None as of `position_noise`.
     judged
-        Whether estimators believe all of them. Those that others contradict are turned or left out
-        otherwise, see `judge_contacts`. It is not part of files.
+        Whether estimators believe all of them, instead of turning or leaving out those that others
+        contradict (`judge_contacts`). It is not part of files.
 
     Raises
     ------
     InvalidContactsError
-        If shapes disagree, a number is not finite (NaN is allowed in noise), a point is farther
-        than `FARTHEST` from the origin, a normal is not of unit length, or a radius or noise is
-        negative.
+        If shapes disagree, a number is not finite (but for NaN in noise), a point is farther than
+        `FARTHEST` from the origin, a normal has not unit length, or a radius or noise is negative.
 
     Examples
     --------

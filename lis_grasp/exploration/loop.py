@@ -42,11 +42,8 @@ def explore(
     """Explore an object by touch; the surface estimated so far guides every probe.
 
     The exploration ends after `setup.touches` contacts, when a stop rule applies, when the policy
-    has no probe left, or after ``4 touches + 20`` probes. Fewer contacts are a result, not an
-    error.
-
-    Every probe draws from a generator of its own, so a resumed exploration makes the same probes as
-    an uninterrupted one, and ends where that ends.
+    has no probe left, or after ``4 touches + 20`` probes. A resumed exploration makes the same
+    probes as an uninterrupted one.
 
     Parameters
     ----------

@@ -100,23 +100,18 @@ class ProbeOutcome(Record):
     probe
         The probe.
     status
-        ``"touched"``: there is at least one contact; ``"missed"``: the motion reached its end, or
-        beyond its target the table, without a contact; ``"blocked"``: the motion could not be
-        carried out, or the hand was stopped without a usable contact.
+        ``"touched"`` with at least one contact, ``"missed"`` if the motion ended without one, or
+        ``"blocked"`` if it could not be carried out, or was stopped without a usable contact.
     contacts
         The contacts, in O; empty if missed (a blocked motion may have some).
-    free_points
-        Shape (K, 3) [m], in O: free space that the hand passed.
     duration
-        Time that the probe took [s], simulated or on a robot's clock. Times of contacts count from
-        its beginning.
+        Time that the probe took [s]. Times of contacts count from its beginning.
     reason
         Why a motion was blocked; empty otherwise.
     moved
         Largest displacement of a point of the object by the touch [m].
-    free_radii
-        Shape (K,) [m]: radius of the free ball around each free point; 0 if only the point is known
-        to be free. Empty for all 0.
+    free_points, free_radii
+        Free space that the hand passed, in O, as in `Contacts`.
     hand_pose
         Pose of the hand when it made the contacts, in their frame; None if unknown.
     simulated_pose
@@ -126,8 +121,7 @@ class ProbeOutcome(Record):
         Belief about the object's pose after the probe, where it is tracked. The contacts are then
         in the object's frame after it, and the probe is in that before it.
     dropped
-        Shape (D, 3) [m], in O: points of earlier contacts that this outcome, with all others, shows
-        to be strays.
+        Shape (D, 3) [m], in O: points of earlier contacts that turned out to be strays.
 
     Raises
     ------

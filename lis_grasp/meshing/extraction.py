@@ -40,12 +40,8 @@ def extract_mesh(
     """Mesh the zero set of an implicit surface: closed, manifold, outward, sharp edges kept.
 
     Manifold dual contouring of Hermite data (Ju, Losasso, Schaefer and Warren 2002; Schaefer, Ju
-    and Warren 2007). The function is evaluated near the surface only. The bounds close a surface
-    that reaches them: outside of them is outside of the object. Closed parts that are far from
-    every contact are dropped.
-
-    Self-intersections are possible where sheets are closer together than a cell. A feature thinner
-    than four cells may be missed.
+    and Warren 2007). The bounds close a surface that reaches them. Self-intersections are possible
+    where sheets are closer together than a cell. A feature thinner than four cells may be missed.
 
     Parameters
     ----------
@@ -63,9 +59,8 @@ def extract_mesh(
     Returns
     -------
     trimesh.Trimesh
-        In O [m]. `vertex_attributes["uncertainty"]`, shape (V,) [m], is the surface's uncertainty
-        at each vertex; `metadata` counts the "evaluations" and "gradients" of the surface, and
-        "grid_nodes", the evaluations of a full grid, and the closed parts that were "dropped".
+        In O [m], with `vertex_attributes["uncertainty"]`, shape (V,) [m]. `metadata` counts the
+        "evaluations" and "gradients", "grid_nodes" of a full grid, and "dropped" closed parts.
 
     Raises
     ------

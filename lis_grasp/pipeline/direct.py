@@ -108,8 +108,7 @@ def explore(
 ) -> Exploration:
     """Explore an object by touch in simulation, without files.
 
-    The stage is `pipeline.touch`, which takes a `Scenario`; `pipeline.explore_object` writes
-    files. `exploration.explore` is the loop itself, for a prober and a policy of one's own.
+    `pipeline.explore_object` writes files. `exploration.explore` takes a prober of one's own.
 
     Parameters
     ----------
@@ -151,7 +150,7 @@ def plan(
 ) -> GraspSearch:
     """Plan grasps of a hand on a mesh.
 
-    The result is that of ``lis-grasp grasp``. The stage is `pipeline.plan`, which takes a `Known`.
+    The result is that of ``lis-grasp grasp``.
 
     Parameters
     ----------
@@ -204,8 +203,6 @@ def lift(
     **options: Any,
 ) -> LiftOutcome:
     """Simulate the lift of an object with a grasp.
-
-    The stage is `pipeline.lift`, which takes a `Scenario`.
 
     Parameters
     ----------

@@ -87,9 +87,8 @@ def find(
 def load(path: str | Path, units: str | None = None, up: str | None = None) -> Shape:
     """Return the object in a mesh file, closed and outward whatever state the file is in.
 
-    The frame O is the file's own, scaled to metres and not shifted: the object rests on its lowest
-    z there. glTF has y upwards, and COLLADA states its axis: these are turned to z. Several parts
-    are one object. `Shape.repairs` lists the scale and turn that a file states, and repairs.
+    The frame O is the file's own, scaled to metres, with z upwards. Several parts are one object.
+    `Shape.repairs` lists the scale and turn that a file states, and repairs.
 
     Parameters
     ----------

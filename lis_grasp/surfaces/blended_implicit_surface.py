@@ -44,9 +44,8 @@ class BlendedImplicitSurface:
 
     f = smooth + w v (sharp - smooth)
 
-    w rises from 0 to 1 with the evidence for the sharp estimate: the mean logarithm of the ratio of
-    both errors in 5-fold cross-validation, at the places near a point and overall. v falls from 1
-    to 0 where the two estimates are 0.5 to 1 spacings apart.
+    w rises from 0 to 1 with the evidence for the sharp estimate in cross-validation, near a point
+    and overall. v falls from 1 to 0 where the two estimates are 0.5 to 1 spacings apart.
 
     Made by `from_contacts`. Near the surface f is about a distance.
 

@@ -125,8 +125,7 @@ def load_contacts(
 ) -> Contacts:
     """Read contacts; estimate their normals if the file has none.
 
-    Size and normals are checked, for a surface would be estimated from millimetres or inward
-    normals too.
+    Size and side of the normals are checked.
 
     Parameters
     ----------
@@ -134,28 +133,26 @@ def load_contacts(
         A contact file (`Contacts.load`), or a file of points without normals
         (`io.contact_files.read_point_file`): PLY, CSV, PCD, NPY, NPZ, OFF or a text of numbers.
     units
-        Length unit of the file, a key of `shapes.UNITS`, None for what its columns state or else
-        metres; other arguments are in metres.
+        Length unit of the file, a key of `shapes.UNITS`; None for what its columns state or else
+        metres.
     normals
-        Side that the file's normals point to; "inward" ones are flipped, "unsigned" ones have the
-        signs that make all contacts together likeliest (`orient_normals`), given directions of
-        approach in the file, if there are. None requires that they
-        point outward as far as the contacts show it.
+        Side that the file's normals point to; "inward" ones are flipped, "unsigned" ones get the
+        likeliest signs (`orient_normals`). None requires outward ones.
     viewpoint
         Place of the sensor that the file's normals point to [m], shape (3,); None if unknown.
     fingertip_radius
         Radius of the spherical fingertip [m] if the points are its centres; 0 for surface points.
     position_noise
-        One standard deviation of points along their normals [m], for estimating normals of points
-        whose own is not in the file; None if unknown.
+        One standard deviation of points along their normals [m] where the file has none; None if
+        unknown.
 
     Raises
     ------
     InvalidFileError
         If the file is missing, of another format, damaged, or lacks points.
     InvalidContactsError
-        If its numbers are not valid contacts, are too few points, fit no object of a hand
-        (mistaken units, mostly), or the normals point inward.
+        If its numbers are not valid contacts, too few, fit no object of a hand (mistaken units,
+        mostly), or the normals point inward.
     InvalidOptionError
         If there is no such unit or side, or the file states another unit.
     EstimationError

@@ -67,8 +67,7 @@ class GaussianProcessImplicitSurface:
 
     with value and gradient blocks in K, 4N x 4N (Williams and Fitzgibbon 2007; Rasmussen and
     Williams 2006, section 9.4; Ottenhaus et al. 2016, section II.B). The prior mean is positive:
-    far from every contact is outside. Coordinates are centred on the contacts and scaled to about
-    unit size; everything private is in that unit.
+    far from every contact is outside.
 
     Made by `from_contacts`. Near contacts f is about metric [m]; far from them it flattens to the
     prior mean, except for the thin plate.

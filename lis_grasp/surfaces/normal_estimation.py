@@ -70,9 +70,8 @@ def estimate_normals(
     points
         Shape (N, 3) [m] in O: surface points, or the centres of a spherical fingertip in contact.
     approach
-        Shape (N, 3), the direction of the fingertip's motion at each contact, of any length; a row
-        of zeros where it is unknown. None if all are unknown. Or another direction about the inward
-        normal, for example of the measured force.
+        Shape (N, 3), the direction of the fingertip's motion, or of the measured force on the
+        object, at each contact, of any length; 0 where it is unknown. None if all are unknown.
     approach_noise
         One standard deviation of each component of the inward normal about that direction [rad].
         None takes straight motions that hit any part of a surface: angles with the cosine law.

@@ -49,10 +49,9 @@ class SmoothImplicitSurface:
 
     f = bound + v (free - bound)
 
-    The free process has a Matern 7/2 kernel, and at contacts only the direction of its gradient is
-    observed. Its length may vary: f need not be a distance. Length and anisotropy of the kernel are
-    those that predict left-out places best. v falls from 1 to 0 where the free process is a quarter
-    to half a spacing from the bound one, which is `gpis`.
+    The free process has the Matern 7/2 kernel that predicts left-out places best, and observes
+    directions of gradients only. v falls from 1 to 0 where it is a quarter to half a spacing from
+    the bound one, which is `gpis`.
 
     Made by `from_contacts`. Near contacts f is about metric.
 

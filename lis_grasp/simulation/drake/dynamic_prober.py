@@ -48,17 +48,15 @@ GRAZED = "a link grazed the object below the force threshold"
 class DynamicProber:
     """Probes with the whole hand in Drake; every link can touch.
 
-    The hand rides on an arm along the probe's direction at 0.1 m/s, one finger extended in its
-    probe posture, the joints under PD control. Free flight is exact without integration and is
-    skipped (`GuardedMotion`). The motion is simulated from 0.5 mm before the first contact until a
-    contact's normal force exceeds the threshold.
+    The hand moves along the probe's direction at 0.1 m/s, one finger extended in its probe posture,
+    the joints under PD control. The motion is simulated from 0.5 mm before the first contact until
+    a contact's normal force exceeds the threshold.
 
     Contact is Drake's hydroelastic one with the exact mesh. A contact is the area-weighted centroid
     and normal of its patch; a patch across an edge counts as two.
 
-    A free object stays where a touch leaves it, toppled or rolled away. Probes and contacts are in
-    the frame E in which the hand is commanded, at first the object's frame O: the prober measures
-    by the hand's kinematics, and never by the object's pose.
+    A free object stays where a touch leaves it. Probes and contacts are in the frame E in which the
+    hand is commanded, at first the object's frame O: the prober never measures the object's pose.
 
     Parameters
     ----------
