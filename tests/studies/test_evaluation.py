@@ -22,6 +22,7 @@ from lis_grasp.io.json_lines import Row
 from lis_grasp_studies.cli import evaluate
 from lis_grasp_studies.evaluation import commands, configuration, results
 from lis_grasp_studies.evaluation.configuration import KINDS, SHIPPED, Configuration
+from lis_grasp_studies.evaluation.exploration import ExplorationTrial, measure_exploration
 from lis_grasp_studies.evaluation.grasp_tables import (
     attempts_table,
     beside_table,
@@ -306,3 +307,12 @@ def test_budgets_give_the_rows_of_the_study_s_trials() -> None:
     assert rows[2]["contacts_digest"] == alone["contacts_digest"]
     assert rows[2]["executed"] in (1, 2)
     assert measure_grasps(task, "truth")[2]["rmsd"] < 1e-9
+
+
+@pytest.mark.slow
+def test_a_long_exploration_of_a_detailed_part_gets_better_to_the_end() -> None:
+    rows = measure_exploration(ExplorationTrial("gear", 0, "40 80 160"), "cover")
+    errors = [row["rmsd_truth_to_estimate"] for row in rows]
+    assert errors[0] > errors[1] > errors[2]
+    # N contacts are about 1 / sqrt(N) apart: the error falls faster than the root of that.
+    assert errors[2] < errors[0] * (40 / 160) ** 0.25
