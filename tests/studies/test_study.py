@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_grasps import jaw_grasp
 
 from lis_grasp import pipeline, shapes
 from lis_grasp.contacts import Contacts
@@ -32,8 +33,13 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp_studies.harness.rows import Job
 from lis_grasp_studies.harness.runner import DaskCluster, InProcess, LocalPool, run_trials
 from lis_grasp_studies.study import run as trial_module
-from lis_grasp_studies.study.columns import COLUMNS, blank_row
-from lis_grasp_studies.study.results import StudyResults, job_of, without_times
+from lis_grasp_studies.study.columns import (
+    COLUMNS,
+    blank_row,
+    quality_columns,
+    search_columns,
+)
+from lis_grasp_studies.study.results import StudyResults, column_type, job_of, without_times
 from lis_grasp_studies.study.run import (
     GraspTask,
     grasp_and_lift,
@@ -399,6 +405,22 @@ def test_rows_come_back_as_they_were_written(tmp_path: Path) -> None:
     StudyResults(tmp_path).write_merged()
     (tmp_path / "rows.jsonl").unlink()
     assert StudyResults(tmp_path).of(SMALL) == [{n: r.get(n) for n in COLUMNS} for r in written]
+
+
+def test_columns_of_a_grasp_have_the_types_that_are_read() -> None:
+    hand, box, trial = (
+        Hand.load("wsg50"),
+        shapes.build("box", None),
+        Trial("box", "wsg50", 4, "none", 0),
+    )
+    qualities = ("epsilon", "closure_probability", "success_probability")
+    made = jaw_grasp(hand, np.zeros(3), 0.05)
+    grasp = dataclasses.replace(made, quality=dict.fromkeys(qualities, 0.5))
+    columns = quality_columns(grasp, box.mesh, trial, hand)
+    columns |= search_columns(GraspSearch((grasp,), {"steep": 3}, 7))
+    assert {type(value) for value in columns.values()} == {int, float, str}
+    assert all(type(value) is column_type(name) for name, value in columns.items())
+    assert set(columns) <= set(COLUMNS)
 
 
 def test_a_row_has_all_columns_and_no_other() -> None:
