@@ -145,7 +145,7 @@ def _is_unseen(node: nodes.Node) -> bool:
 
 
 def count_words(app: Sphinx, error: Exception | None) -> None:
-    """Warn if the text of all pages, the API's included, has more than WORDS words."""
+    """Warn if all pages have more than WORDS words, or a page of the API hardly any."""
     if error is not None or app.builder.format != "html":
         return
     words = {
@@ -156,6 +156,9 @@ def count_words(app: Sphinx, error: Exception | None) -> None:
         )
         for name in app.env.found_docs
     }
+    for name, count in words.items():
+        if name.startswith("reference/api/") and count < 100:
+            logger.warning("%s has %d words: are its members named?", name, count)
     total = sum(words.values())
     print(f"{total} words on {len(words)} pages")
     if total > WORDS:
