@@ -134,14 +134,11 @@ def _grasp_facts(attempt: Attempt) -> dict[str, Any]:
 
 def _attempt_facts(attempt: Attempt) -> dict[str, Any]:
     outcome = attempt.outcome
-    facts: dict[str, Any] = {"grasp": None, "success_probability": None}
-    if outcome is not None:
-        grasp = attempt.search.grasps[attempt.rank]
-        quality = grasp.quality
-        facts = {"grasp": attempt.rank + 1, "success_probability": quality["success_probability"]}
-        facts["family"] = grasp.family
+    grasp = None if outcome is None else attempt.search.grasps[attempt.rank]
     return {
-        **facts,
+        "grasp": None if grasp is None else attempt.rank + 1,
+        "success_probability": None if grasp is None else grasp.quality["success_probability"],
+        "family": None if grasp is None else grasp.family,
         "measured_contacts": 0 if outcome is None else len(outcome.measured_contacts),
         "reason": "no_grasp" if outcome is None else outcome.reason,
         **({} if attempt.lesson is None else {"lesson": asdict(attempt.lesson)}),
