@@ -10,7 +10,7 @@ from filelock import FileLock, Timeout
 
 from lis_grasp.exceptions import InvalidFileError
 
-_NAME = ".lock"
+_NAME, _OTHER = ".lock", "name another by `folder`"
 
 
 @contextmanager
@@ -25,17 +25,13 @@ def sole_writer(folder: Path) -> Iterator[None]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock.acquire()
-    except Timeout:
-        message = (
-            f"another process is writing to {folder}: wait until it ends, or name another by"
-            " `folder`"
-        )
-        raise InvalidFileError(message, path=folder) from None
-    except FileExistsError:
-        message = f"{folder} must be a folder of results; it is a file: name another by `folder`"
-        raise InvalidFileError(message, path=folder) from None
     except OSError as error:
-        raise InvalidFileError(f"cannot write to {folder}: {error.strerror}", path=folder) from None
+        message = f"cannot write to {folder}: {error.strerror}"
+        if isinstance(error, Timeout):
+            message = f"another process is writing to {folder}: wait until it ends, or {_OTHER}"
+        if isinstance(error, FileExistsError):
+            message = f"{folder} must be a folder of results; it is a file: {_OTHER}"
+        raise InvalidFileError(message, path=folder) from None
     try:
         yield
     finally:

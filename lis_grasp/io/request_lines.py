@@ -25,7 +25,6 @@ LOCALHOST = "127.0.0.1"
 
 _MOST_BYTES = MEBIBYTE  # of a request
 _MOST_CLIENTS = 8  # at once
-_GIVES_WAY = 5.0  # [s] at most, until the place of a client that is sent away is free
 
 
 def answer_lines(
@@ -130,7 +129,7 @@ class _Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
                 if self.silent.pop(other, False) is None:
                     with suppress(OSError):  # it has gone
                         other.shutdown(socket.SHUT_RDWR)
-                    free = self.places.acquire(timeout=_GIVES_WAY)
+                    free = self.places.acquire(timeout=5.0)  # [s], in which it ends
                     break
             if free:
                 self.silent[client] = None

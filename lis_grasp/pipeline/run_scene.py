@@ -48,8 +48,7 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
     facts, contacts = run.facts, run.contacts
     hand = Hand.load(facts.get("hand", "allegro"))
     content: dict[str, Any] = {"support_height": facts.get("support_height")}
-    file = directory / "report.json"
-    told = nullcontext() if report else reading(file, "a report of a run", advice="run again")
+    told = nullcontext() if report else reading(directory / "report.json", "a report of a run")
     report = report or run.report
     if report is not None:
         with told:
