@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import socket
 import subprocess
 import sys
@@ -27,7 +28,9 @@ Connect = Callable[[], socket.socket]
 def _started(command: list[str], stream: str) -> Iterator[str]:
     """Start a server; yield its address, and require that it ends by SIGINT without a traceback."""
     pipe = subprocess.PIPE
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
     server = subprocess.Popen([*_VERB, *command], stdout=pipe, stderr=pipe, text=True)
+    signal.signal(signal.SIGINT, before)
     try:
         yield getattr(server, stream).readline().split()[1]
     finally:
