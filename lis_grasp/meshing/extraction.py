@@ -61,6 +61,7 @@ def extract_mesh(
     trimesh.Trimesh
         In O [m], with `vertex_attributes["uncertainty"]`, shape (V,) [m]. `metadata` counts the
         "evaluations" and "gradients", "grid_nodes" of a full grid, and "dropped" closed parts.
+        Where the bounds cut the estimate, its depth there is part of the uncertainty.
 
     Raises
     ------
@@ -91,6 +92,10 @@ def extract_mesh(
         kept = own if own.any() else kept
     if not kept.all():
         kept = _with_their_solids(kept, vertices, faces, part)
+    cut = np.isclose(vertices, box[:, None]).any(axis=(0, 2))
+    if cut.any():
+        depths = np.minimum(field.values(vertices), 0.0)
+        uncertainty = np.where(cut, np.hypot(uncertainty, depths), uncertainty)
     faces = faces[kept[part[faces[:, 0]]]]
     if np.linalg.det(vertices[faces] - vertices[faces].mean(axis=(0, 1))).sum() <= 0.0:
         raise EstimationError(

@@ -139,6 +139,24 @@ def test_a_half_space_is_closed_by_the_bounds() -> None:
     solid = trimesh.creation.box(bounds=bounds).slice_plane([0, 0, 0], -normal, cap=True)
     assert mesh.volume == pytest.approx(solid.volume, rel=1e-6)
     np.testing.assert_allclose(mesh.bounds, solid.bounds, atol=1e-9)
+    # A cut is as doubtful as it is deep; the plane itself is as certain as the surface says.
+    depths = np.maximum(-mesh.vertices @ normal, 0.0)
+    at_bounds = np.abs(mesh.vertices - bounds[:, None]).min(axis=(0, 2)) < 1e-9
+    assert depths[~at_bounds].max() < 1e-9 < 0.1 < depths[at_bounds].max()
+    np.testing.assert_allclose(mesh.vertex_attributes["uncertainty"], depths, atol=1e-9)
+
+
+def test_a_side_that_nothing_touched_is_as_uncertain_as_it_is_wrong() -> None:
+    half = np.array([0.05, 0.03, 0.04])
+    whole = trimesh.creation.box(2.0 * half)
+    points, faces = trimesh.sample.sample_surface(whole, 60, seed=3)
+    upper = whole.face_normals[faces][:, 2] > -0.5  # no contact below
+    contacts = Contacts(points[upper], whole.face_normals[faces][upper])
+    mesh = extract_mesh(ESTIMATORS["blend"](contacts))
+    below = mesh.vertex_normals[:, 2] < -0.9
+    errors = np.abs(mesh.vertices[below, 2] + half[2])
+    assert np.median(errors) > 0.002
+    assert np.mean(errors < 1.96 * mesh.vertex_attributes["uncertainty"][below]) > 0.68
 
 
 def test_bounds_that_touch_the_object_cut_nothing_off() -> None:

@@ -624,7 +624,7 @@ def test_failures_are_rows_with_their_reason(monkeypatch: pytest.MonkeyPatch) ->
     def estimate(*_: object) -> None:
         raise EstimationError("no surface of this kind")
 
-    monkeypatch.setattr(trial_module, "compared_estimator", lambda _: estimate)
+    monkeypatch.setattr(trial_module, "find_estimator", lambda *_, **__: estimate)
     (row,) = run_trial(Job(Trial("box", "allegro", 4, "none", 0), ("gpis",)))
     assert (row["reason"], row["held"]) == ("failed", False)
     assert row["failure"] == "EstimationError: no surface of this kind"
