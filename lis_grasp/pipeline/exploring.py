@@ -23,7 +23,7 @@ from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.progress import SILENT, Progress, StageProgress
-from lis_grasp.pipeline.results_folder import LOG, remove_made_from, results_folder
+from lis_grasp.pipeline.results_folder import LOG, remove_made_from, result_file, results_folder
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.stages import exploration_setup, make_prober, touch_steps
@@ -65,8 +65,8 @@ def explore_into(
     recorded, ending = _recorded_outcomes(log, config, progress, fresh=fresh)
     if not recorded:
         remove_growth(folder)
-    if ending is not None or not recorded:
-        remove_made_from(folder / "contacts.ply", progress, with_itself=True)
+        remove_made_from(folder / "contacts.ply", progress)
+        (folder / "contacts.ply").unlink(missing_ok=True)
     title = f"Touching {scenario.truth.shape.name} with {known.hand.name}"
     with progress.stage(title) as stage:
         if ending is not None:
@@ -82,7 +82,8 @@ def explore_into(
     if len(cloud) and not any(outcome.lost for outcome in exploration.outcomes):
         contacts = contacts.append(cloud)
     facts = provenance.parse(header) | scenario.after(exploration).facts()
-    contacts.save(folder / "contacts.ply", header=provenance.describe(**facts))
+    with result_file(folder / "contacts.ply", progress) as path:
+        contacts.save(path, header=provenance.describe(**facts))
     return exploration
 
 

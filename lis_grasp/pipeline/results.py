@@ -17,10 +17,9 @@ from lis_grasp.io.schemas import FileRecord, read_json
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import Motion
 from lis_grasp.pipeline.known import Perception
-from lis_grasp.pipeline.results_folder import read_facts
+from lis_grasp.pipeline.results_folder import located, read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import estimate
-from lis_grasp.records import short_repr
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, find, placed_as_recorded
 from lis_grasp.surfaces import ImplicitSurface
@@ -55,7 +54,10 @@ class Run:
     motion: Motion | None  #: of the simulated lift
     report: Mapping[str, Any] | None  #: report.json
 
-    __repr__ = short_repr
+    def __repr__(self) -> str:
+        planned = 0 if self.grasps is None else len(self.grasps)
+        outcome = "not lifted" if self.lift is None else self.lift["reason"]
+        return f"Run('{self.folder}', {self.contacts}, {planned} grasps, {outcome})"
 
     @classmethod
     def load(cls, folder: Path | str) -> Run:
@@ -66,6 +68,8 @@ class Run:
         InvalidFileError
             If the folder has no results, or a file is damaged.
         """
+        if not isinstance(folder, (str, Path)) or Path(folder).is_file():
+            raise InvalidFileError(f"{folder} must be a folder of results, and no file in it")
         folder = Path(folder)
         files = {path.name: path for path in folder.glob("*.*")}
         source = next((files[name] for name in SOURCES if name in files), None)
@@ -89,9 +93,8 @@ class Run:
     @cached_property
     def config(self) -> RunConfig:
         """The configuration, as far as it is recorded; `InvalidOptionError` as of `RunConfig`."""
-        return RunConfig.from_facts(
-            {**self.facts, **({} if self.report is None else self.report["config"])}
-        )
+        reported = {} if self.report is None else self.report["config"]
+        return RunConfig.from_facts(located({**self.facts, **reported}, self.folder))
 
     @cached_property
     def truth(self) -> Shape | None:
@@ -120,5 +123,5 @@ class Run:
 
     @property
     def lift(self) -> Mapping[str, Any] | None:
-        """The outcome of the lift, as in the report."""
+        """The outcome of the lift, as in the report: ``lift["held"]``, ``lift["reason"]``."""
         return None if self.report is None else self.report["lift"]

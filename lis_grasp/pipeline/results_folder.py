@@ -53,7 +53,7 @@ RecordedFacts = create_model(  # type: ignore[call-overload]
 
 
 def read_facts(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
-    """Return the facts in the header of an output file, as `provenance.read`.
+    """Return the facts in the header of an output file, as `provenance.read`, `located`.
 
     Raises
     ------
@@ -62,6 +62,21 @@ def read_facts(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
     """
     facts = provenance.read(path, usual=usual)
     checked(RecordedFacts, facts, path, "header")
+    return located(facts, path.parent)
+
+
+def located(facts: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return facts with paths that lead to the recorded files from the present folder.
+
+    Recorded paths start at the folder in which the run began: that is taken for the present one, or
+    else for the nearest one around the results in which there is such a file.
+    """
+    around = (folder.absolute(), *folder.absolute().parents)
+    for name in ("object", "cloud", "hand", "arm", "obstacles"):
+        path = Path(facts.get(name) or "")
+        if path.suffix and not path.exists():
+            found = (str(outer / path) for outer in around if (outer / path).is_file())
+            facts = facts | {name: next(found, facts[name])}
     return facts
 
 
@@ -161,11 +176,10 @@ def result_file(path: Path, progress: Progress = SILENT) -> Iterator[Path]:
             remove_made_from(path, progress)
 
 
-def remove_made_from(path: Path, progress: Progress = SILENT, *, with_itself: bool = False) -> None:
-    """Remove the files that later stages made from a stage's file, and report their names.
+def remove_made_from(path: Path, progress: Progress = SILENT, why: str = "") -> None:
+    """Remove the files that later stages made from a stage's file; report their names and why.
 
-    `with_itself` removes the file itself too. Nothing is removed if the file is missing or was not
-    written by this package.
+    Nothing is removed if the file is missing or was not written by this package.
     """
     if not path.exists() or not read_facts(path):
         return
@@ -173,11 +187,11 @@ def remove_made_from(path: Path, progress: Progress = SILENT, *, with_itself: bo
     stage = next(stages, len(_STAGES))  # nothing is made from a file of another name
     later = [path.with_name(name) for names in _STAGES[stage + 1 :] for name in names]
     made = [file for file in later if file.exists()]
-    for file in reversed([path, *made] if with_itself else made):
+    for file in reversed(made):
         file.unlink()
     if made:
         names = ", ".join(file.name for file in made)
-        progress.say(f"removed {names}: made from an earlier {path.name}")
+        progress.say(f"removed {names}: {why or f'made from an earlier {path.name}'}")
 
 
 def scene_is_outdated(directory: Path, scene: Path | None = None) -> bool:

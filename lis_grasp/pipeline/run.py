@@ -22,7 +22,7 @@ from lis_grasp.pipeline.progress import SILENT, Progress
 from lis_grasp.pipeline.regrasp import grasp_with_tactile_check
 from lis_grasp.pipeline.report_json import build_report
 from lis_grasp.pipeline.results import Run
-from lis_grasp.pipeline.results_folder import read_facts, results_folder
+from lis_grasp.pipeline.results_folder import read_facts, remove_made_from, results_folder
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.run_scene import write_scene_of
 from lis_grasp.pipeline.scenario import Scenario
@@ -86,7 +86,7 @@ def run(
                 folder, scenario, progress=progress, fresh=fresh, arm_use=arm_use
             )
             contacts = _contacts(folder, exploration, scenario)
-        (folder / "motion.npz").unlink(missing_ok=True)
+        remove_made_from(folder / "contacts.ply", progress, "a run makes these files anew")
         after = scenario.after(exploration)
         stages = StoredStages(folder, watch, progress)
         attempts = tuple(grasp_with_tactile_check(after, contacts, stages))

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from lis_grasp import Contacts
+from lis_grasp import Contacts, shapes
 from lis_grasp.cli.main import main
+from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.exploration import TouchLog, load_outcomes
 from lis_grasp.io import provenance
 from lis_grasp.pipeline import RunConfig
@@ -21,6 +22,7 @@ from lis_grasp.pipeline.conditions import UNKNOWN
 from lis_grasp.pipeline.results_folder import (
     LOG,
     default_output,
+    read_facts,
     remove_made_from,
     scene_is_outdated,
 )
@@ -218,6 +220,37 @@ def test_a_finished_exploration_is_used_again(
     said = capsys.readouterr().out
     assert f"probes of the same exploration in {log}" in said
     assert (log.read_bytes(), contacts.read_bytes()) == before
+
+
+def test_the_same_exploration_again_keeps_what_was_made_from_it(
+    full_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = files(full_folder)
+    capsys.readouterr()
+    assert main([*EXPLORE, "--output", str(full_folder)]) == 0
+    assert files(full_folder) == before
+    assert "removed" not in capsys.readouterr().out
+
+
+def test_recorded_files_are_found_from_another_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shapes.find("box").mesh.export(tmp_path / "part.stl")
+    made = {"header": provenance.describe(object="part.stl", hand="wsg50", arm="iiwa14")}
+    results, elsewhere = tmp_path / "results" / "part", tmp_path / "elsewhere"
+    for folder in (results, elsewhere):
+        folder.mkdir(parents=True)
+    (results / "grasps.json").write_text(json.dumps(made))
+    monkeypatch.chdir(tmp_path)
+    assert read_facts(results / "grasps.json")["object"] == "part.stl"
+    monkeypatch.chdir(elsewhere)
+    facts = read_facts(Path("../results/part/grasps.json"))
+    assert Path(facts["object"]).resolve() == tmp_path / "part.stl"
+    assert (facts["hand"], facts["arm"]) == ("wsg50", "iiwa14")
+    (tmp_path / "part.stl").unlink()
+    facts = read_facts(results / "grasps.json")
+    with pytest.raises(InvalidFileError, match=rf"no file part.stl in {elsewhere}: .*`object`"):
+        shapes.find(facts["object"])
 
 
 def test_changed_facts_of_a_log_are_listed(tmp_path: Path) -> None:

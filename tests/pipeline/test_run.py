@@ -65,11 +65,16 @@ def test_results_read_back_are_those_of_the_run(results: tuple[Run, list[str]]) 
     assert len(again.grasps.grasps) == len(run.grasps.grasps)
     assert (again.motion is None) == (not run.grasps.grasps)
     assert again.hand.name == "wsg50"
+    assert len(repr(again).splitlines()[0]) == len(repr(again)) < 200
 
 
 def test_a_folder_without_results_is_refused(tmp_path) -> None:
     with pytest.raises(InvalidFileError, match="no results"):
         Run.load(tmp_path)
+    (tmp_path / "report.json").write_text("{}")
+    for mistaken in (None, tmp_path / "report.json"):
+        with pytest.raises(InvalidFileError, match="must be a folder of results"):
+            Run.load(mistaken)
 
 
 def test_a_run_without_a_contact_is_an_error(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
