@@ -91,6 +91,7 @@ _CALLS = {
     "load_shape": "shapes.find(name) or shapes.load(path)",
     "mesh": "extract_mesh(surface)",
     "sample_contacts": "explore(object, hand, prober='kinematic').contacts",
+    "save_contacts": "contacts.save(path)",
     "shape_names": "shapes.NAMES",
 }
 

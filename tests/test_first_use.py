@@ -16,6 +16,7 @@ from lis_grasp.exceptions import (
     InvalidContactsError,
     InvalidFileError,
     InvalidOptionError,
+    LisGraspWarning,
     NoGraspError,
 )
 from lis_grasp.pipeline import Scenario, direct
@@ -162,6 +163,14 @@ def test_an_unknown_option_is_refused_with_the_nearest(tmp_path: Path) -> None:
             call("box", frictoin=0.5)
     with pytest.raises(TypeError, match="^grasp .*Grasp"):
         lis_grasp.lift("box", "wsg50", GraspSearch(()))  # type: ignore[arg-type]
+    for given, meant in (("method", "estimator"), ("postion_noise", "position_noise")):
+        with pytest.raises(TypeError, match=f"'{given}'.*'{meant}'"):
+            lis_grasp.estimate(CONTACTS, **{given: "gpis"})
+
+
+def test_contacts_of_arrays_in_millimetres_are_noted() -> None:
+    with pytest.warns(LisGraspWarning, match="in metres, and these are 60 m apart"):
+        lis_grasp.estimate(Contacts(30.0 * AXES, AXES), "gpis")
 
 
 @pytest.fixture
@@ -234,7 +243,7 @@ def test_a_grasp_names_its_hand(
     with pytest.raises(TypeError, match="^lift .*'region'"):
         lis_grasp.lift(box, grasp, region=(0.2, 0.2, 0.2))
     for arguments in ((), ("wsg50",), (grasp, "wsg50")):
-        with pytest.raises(TypeError, match="^grasp .*Grasp"):
+        with pytest.raises(TypeError, match=r"^grasp .*Grasp.*lift\(object, hand, grasp\)"):
             lis_grasp.lift(box, *arguments)
 
 
@@ -258,6 +267,7 @@ def test_a_name_stands_for_an_object_or_is_answered() -> None:
         ("Contact", r"'Contacts'"),
         ("load", r"load_contacts\(path\)"),
         ("plan_grasps", r"plan\(mesh, hand\)"),
+        ("save_contacts", r"contacts\.save\(path\)"),
         ("load_results", r"Run\.load\(folder\)"),
         ("evaluation", r"import lis_grasp\.evaluation"),
     ],

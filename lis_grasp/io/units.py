@@ -110,7 +110,7 @@ def require_plausible_size(points: FloatArray, units: str, least: float = _LEAST
         for name, metres in UNITS.items()
         if SMALLEST <= extent * metres / UNITS[units] <= _GRASPABLE
     ]
-    advice = f"`units` {' or '.join(fitting)} would fit" if fitting else "no unit would fit"
+    advice = f"estimate with `units` {' or '.join(fitting)}" if fitting else "no unit would fit"
     raise InvalidContactsError(
         f"contacts must be within {_LEAST_EXTENT:g} to {LARGEST:g} m of each other; they are"
         f" {extent:.3g} m apart when read in {units}: {advice}",

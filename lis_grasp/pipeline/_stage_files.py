@@ -50,10 +50,10 @@ def write_surface(
     Its header has the verdicts on bad contacts, by their rows, and the warnings of the estimate.
     """
     verdicts, warnings = known.judge(contacts), list(recorded.get("warnings") or ())
-    if len(contacts) < _FEW:
+    if len(np.unique(contacts.points, axis=0)) < _FEW:
         warnings.append(
-            f"fewer than {_FEW} contacts show little more than position and size of an object, and"
-            " the standard deviation is too small"
+            f"fewer than {_FEW} contacts at different places show little more than position and"
+            " size of an object, and the standard deviation is too small"
         )
         progress.say(f"warning: {warnings[-1]}")
     credible = verdicts.credible

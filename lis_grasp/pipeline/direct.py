@@ -207,7 +207,7 @@ def lift(
     Parameters
     ----------
     object
-        The true object, in the frame O of the grasp.
+        The true object, in the frame O of the grasp: `Run.truth` for a grasp of a run.
     hand
         The hand that the grasp was planned for; it may be left out if the grasp's name finds it.
     grasp
@@ -235,7 +235,8 @@ def lift(
         hand, grasp = None, grasp or hand
     if not isinstance(grasp, Grasp):
         raise TypeError(
-            f"grasp must be a Grasp, such as search.best; it is of type {type(grasp).__name__}"
+            f"grasp must be a Grasp, such as search.best; it is of type {type(grasp).__name__}:"
+            " write lift(object, hand, grasp)"
         )
     chosen = grasp.hand if hand is None else hand
     return lifting_stage.lift(_scenario(object, chosen, options), grasp)

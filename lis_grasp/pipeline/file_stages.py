@@ -164,10 +164,14 @@ def grasp_file(
     for warning in recorded.get("warnings") or ():
         progress.say(f"{_WARNING}of the estimate: {warning}")
     hand = Hand.load(config.hand)
-    if support is None:
-        support = recorded.get("support_height", float(mesh.bounds[0, 2]))
-    support = checked_value("support", support, float, HEIGHT)
-    known = Known.for_mesh(config, hand, mesh, support, recorded_base(options, recorded))
+    lowest = float(mesh.bounds[0, 2])
+    table = recorded.get("support_height", lowest) if support is None else support
+    table = checked_value("support", table, float, HEIGHT)
+    if support is None and "support_height" not in recorded:
+        progress.say(f"{_WARNING}no table is known: `support` is {table:.4g} m, the lowest point")
+    elif support is not None and (below := round(1e3 * (table - lowest))) > 0:
+        progress.say(f"{_WARNING}the mesh reaches {below} mm below the plane of `support`")
+    known = Known.for_mesh(config, hand, mesh, table, recorded_base(options, recorded))
     facts = recorded | station_facts(known.station) | planning_facts(config)
     path = (path.parent if folder is None else folder) / "grasps.json"
     with result_file(path, progress) as temporary:

@@ -11,7 +11,8 @@ from typing import Any, cast
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, nearest_of, note
+from lis_grasp.io.units import LARGEST
 from lis_grasp.plugins import Guarded, Registry, errors_of
 from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import above_table, carved, standing_on
@@ -147,6 +148,12 @@ def estimate(
             f" {type(contacts).__name__}"
         )
     make = find_estimator(estimator) if isinstance(estimator, str) else estimator
+    for name in sorted(options.keys() - _accepted(make, options).keys()):
+        accepted = [*inspect.signature(make).parameters, *(estimate.__kwdefaults__ or ())][1:]
+        nearest = ": did you mean 'estimator'?" if name == "method" else nearest_of(name, accepted)
+        raise TypeError(f"estimate with {estimator} has no option '{name}'{nearest}")
+    if contacts.extent > LARGEST:
+        note(f"contacts are in metres, and these are {contacts.extent:.3g} m apart: check the unit")
     known = contacts if table is None else standing_on(judge_contacts(contacts).credible, table)
     surface = make(known, **options)
     if free_space:

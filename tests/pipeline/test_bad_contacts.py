@@ -54,13 +54,29 @@ def test_all_contacts_are_believed_on_request(touches: Path) -> None:
     assert "left_out" not in read_facts(made.path)
 
 
-def test_few_contacts_are_warned_of_by_grasps_too(tmp_path: Path) -> None:
-    axes = np.vstack([np.eye(3), -np.eye(3)])
+@pytest.mark.parametrize("copies", [1, 4])
+def test_few_places_are_warned_of_by_grasps_too(tmp_path: Path, copies: int) -> None:
+    axes = np.vstack([np.eye(3), -np.eye(3)] * copies)
     Contacts(0.03 * axes, axes).save(tmp_path / "six.csv")
     made = estimate_file([ContactSource(tmp_path / "six.csv")], tmp_path / "out")
     said = Told()
     grasp_file(made.path, hand="wsg50", grasps=1, progress=said)
     assert any("fewer than 10 contacts" in line for line in said.lines)
+
+
+@pytest.mark.parametrize(
+    ("support", "warning"),
+    [(None, "no table is known"), (0.0, "reaches 20 mm below"), (-0.02, ""), (-0.03, "")],
+)
+def test_a_table_that_is_unknown_or_inside_the_mesh_is_warned_of(
+    tmp_path: Path, support: float | None, warning: str
+) -> None:
+    BOX.export(tmp_path / "box.stl")
+    said = Told()
+    grasp_file(tmp_path / "box.stl", hand="wsg50", grasps=1, support=support, progress=said)
+    warnings = [line for line in said.lines if line.startswith("warning")]
+    assert len(warnings) == bool(warning)
+    assert all(warning in line for line in warnings)
 
 
 def test_half_flipped_normals_are_refused_and_oriented_on_request(touches: Path) -> None:
