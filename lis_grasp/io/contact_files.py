@@ -94,6 +94,8 @@ def _read_fields(path: Path) -> dict[str, Any]:
                 advice += f"; if it is a mesh, `lis-grasp grasp {path}` plans on it"
             elif ending in _SCANS:
                 advice = "save it as .ply by CloudCompare"
+            elif (beside := path.with_name("contacts.ply")).is_file():
+                advice = f"name {beside}"
             raise InvalidFileError(
                 f"files of points end in one of {', '.join(POINT_FORMATS)}; {path} does not:"
                 f" {advice}",

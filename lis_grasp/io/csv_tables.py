@@ -65,10 +65,12 @@ def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
     for number, row in enumerate(rows, start=1):
         if len(row) != len(header):
             decimal = len(row) == 2 * len(header) and "," in lines[number]
-            decimal |= any(map(DECIMAL_COMMA.fullmatch, re.split(r"[;\s]+", lines[number])))
+            words = re.split(r"[;\s]+", lines[number].strip())
+            decimal |= len(words) == len(header) and any(map(DECIMAL_COMMA.fullmatch, words))
+            cure = f"give each row a cell for each of {', '.join(header)}"
             raise InvalidFileError(
-                f"{path}: row {number} has {len(row)} cells, its header has {len(header)}"
-                + (": write numbers with a decimal point, not a comma" if decimal else ""),
+                f"{path}: row {number} has {len(row)} cells, its header has {len(header)}:"
+                f" {'write numbers with a decimal point, not a comma' if decimal else cure}",
                 path=path,
             )
     return [name.strip().lower() for name in header], [[cell.strip() for cell in r] for r in rows]

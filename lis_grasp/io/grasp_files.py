@@ -67,7 +67,7 @@ def read_grasp_file(path: Path, grasp: Callable[..., Any]) -> dict[str, Any]:
 
     Errors are as of `GraspSearch.load`.
     """
-    content = read_json(_Search, path, "grasps")
+    content = read_json(_Search, path, "grasps", "name a grasps.json of `lis-grasp grasp`")
     try:
         grasps = tuple(grasp(**_fields(entry)) for entry in content.grasps)
     except InvalidOptionError as error:

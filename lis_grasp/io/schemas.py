@@ -89,15 +89,17 @@ def write_json_schema(schema: type[BaseModel], path: Path) -> None:
     path.write_text(json.dumps(schema.model_json_schema(), indent=1) + "\n", encoding="utf-8")
 
 
-def read_json(schema: type[_Schema], path: Path, what: str) -> _Schema:
+def read_json(
+    schema: type[_Schema], path: Path, what: str, cure: str = "write it again"
+) -> _Schema:
     """Return the content of a JSON file as a record; errors as of `reading` and `checked`."""
-    with reading(path, "JSON"):
+    with reading(path, "JSON", advice=cure):
         content = json.loads(path.read_text(encoding="utf-8"))
-    return checked(schema, content, path, what)
+    return checked(schema, content, path, what, f": {cure}")
 
 
-def checked(schema: type[_Schema], content: Any, path: Path, what: str) -> _Schema:
-    """Return the content of a file as a record; `what` names the content in the message.
+def checked(schema: type[_Schema], content: Any, path: Path, what: str, cure: str = "") -> _Schema:
+    """Return the content of a file as a record; `what` names it in the message, `cure` ends that.
 
     Raises `InvalidFileError` if a value is not of its type; the message names the first.
     """
@@ -105,4 +107,4 @@ def checked(schema: type[_Schema], content: Any, path: Path, what: str) -> _Sche
         return schema.model_validate(content)
     except ValidationError as invalid:
         key, reason = first_mistake(invalid)
-    raise InvalidFileError(f"{path} has no valid {what}: {key or 'it'} {reason}", path=path)
+    raise InvalidFileError(f"{path} has no valid {what}: {key or 'it'} {reason}{cure}", path=path)

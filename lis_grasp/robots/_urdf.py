@@ -176,6 +176,8 @@ def _reason(text: bytes, error: Exception) -> str:
     """Return why an XML text is not valid, and what to do."""
     if any(b"--" in comment for comment in re.findall(rb"<!--(.*?)-->", text, re.DOTALL)):
         return "a comment must not contain '--'"
+    if text.strip() and not text.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
+        return "it does not begin with <: give a URDF, SDF or MJCF"
     try:
         text.decode("utf-8")
     except UnicodeDecodeError:

@@ -326,6 +326,39 @@ def test_a_mistyped_option_gets_the_nearest_one(capsys: pytest.CaptureFixture[st
     assert "did you mean '--touches'?" in message
 
 
+@pytest.mark.parametrize(
+    ("verb", "name", "text", "cure"),
+    [
+        ("estimate", "rag.csv", "x,y,z\n1,2", "give each row a cell for each of x, y, z"),
+        ("estimate", "rag.csv", "x,y,z\n0,1;0,2;0,3", "a decimal point, not a comma"),
+        ("estimate", "n.csv", "x,y,z,n1,n2,n3\n0,0,0,0,0,1", "columns of normals (nx,ny,nz)"),
+        (
+            "estimate --estimator absent:A",
+            "c.csv",
+            "x,y,z,nx,ny,nz\n0,0,0,0,0,1",
+            "put absent",
+        ),
+        ("hand new", "part.stl", "\0\xff", "give a URDF, SDF or MJCF"),
+        ("next", "grasps.json", "{}", "name {}/contacts.ply"),
+        ("lift", "grasps.json", "{}", "name a grasps.json of `lis-grasp grasp`"),
+        ("lift", "contacts.ply", "ply", "name a grasps.json of `lis-grasp grasp`"),
+    ],
+)
+def test_a_mistake_is_answered_with_its_cure(
+    verb: str, name: str, text: str, cure: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "contacts.ply").touch()
+    (tmp_path / name).write_text(text, encoding="latin-1")
+    assert main([*verb.split(), str(tmp_path / name)]) == 2
+    assert cure.format(tmp_path) in capsys.readouterr().err
+
+
+def test_objects_that_are_missing_are_named_once(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["run"])
+    assert "required: OBJECT;" in capsys.readouterr().err
+
+
 def test_without_a_verb_the_help_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 2
     captured = capsys.readouterr()
