@@ -25,7 +25,7 @@ from lis_grasp.io.request_lines import answer_lines, serve_socket
 from lis_grasp.pipeline.contact_sources import ContactSource, load_source, prior_contacts
 from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.next_touch import NextTouch, ObjectPlace, next_touch
-from lis_grasp.pipeline.results_folder import LOG, read_facts
+from lis_grasp.pipeline.results_folder import LOG, located, read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.touch_service import TouchService
 from lis_grasp.robots.hand import Hand
@@ -166,6 +166,7 @@ def _read(
         return Contacts.empty(), (), {}
     if path.suffix.lower() == ".jsonl":
         recorded, outcomes = read_log(path)
+        recorded = located(recorded, path.parent)
         return _cloud(recorded.get("cloud")), outcomes, recorded
     recorded = read_facts(path)
     return load_contacts(path, position_noise=position_noise), (), recorded

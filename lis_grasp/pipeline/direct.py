@@ -188,7 +188,8 @@ def plan(
             f"load='unknown' plans for any load: leave out {' and '.join(sorted(given))}",
             option="load",
         )
-    config, hand = _config(hand, _seeded(options, rng)), _load(hand)
+    config = _config(hand, _seeded(options, rng))
+    hand = hand if isinstance(hand, Hand) else Hand.load(hand)
     if not isinstance(mesh, trimesh.Trimesh):  # of an estimate, the uncertainty must be kept
         config, shape = _find(mesh, config)
         mesh = shape.mesh
@@ -244,7 +245,8 @@ def lift(
 
 def _scenario(object_: AnyObject, hand: AnyHand, options: Mapping[str, Any]) -> Scenario:
     config, shape = _find(object_, _config(hand, options))
-    return Scenario.from_config(config, shape, _load(hand))
+    hand = hand if isinstance(hand, Hand) else Hand.load(hand)
+    return Scenario.from_config(config, shape, hand)
 
 
 def _config(hand: AnyHand, options: Mapping[str, Any]) -> RunConfig:
@@ -268,10 +270,6 @@ def _find(object_: AnyObject, config: RunConfig) -> tuple[RunConfig, Shape]:
         f" {type(object_).__name__}. Records such as Known are for lis_grasp.pipeline, and"
         " surfaces for extract_mesh"
     )
-
-
-def _load(hand: AnyHand) -> Hand:
-    return hand if isinstance(hand, Hand) else Hand.load(hand)
 
 
 def _seeded(options: Mapping[str, Any], rng: Seed) -> dict[str, Any]:

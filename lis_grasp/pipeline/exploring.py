@@ -30,6 +30,7 @@ from lis_grasp.pipeline.stages import exploration_setup, make_prober, touch_step
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import opening_range
 from lis_grasp.robots.shipped_models import HAND_REGISTRY, hand_path
+from lis_grasp.shapes import Shape
 from lis_grasp.surfaces.carved_implicit_surface import above_table
 from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES
 
@@ -115,9 +116,14 @@ def explore_object(
 
 def say_object(scenario: Scenario, progress: Progress) -> None:
     """Report the repairs of the true object's mesh, and whether it is too wide for the hand."""
-    for repair in scenario.truth.shape.repairs:
-        progress.say(f"repaired: {repair}")
+    say_repairs(scenario.truth.shape, progress)
     say_width(scenario.truth.shape.mesh, scenario.known.hand, progress)
+
+
+def say_repairs(shape: Shape, progress: Progress) -> None:
+    """Report the repairs of an object's mesh."""
+    for repair in shape.repairs:
+        progress.say(f"repaired: {repair}")
 
 
 def say_width(mesh: trimesh.Trimesh, hand: Hand, progress: Progress) -> None:

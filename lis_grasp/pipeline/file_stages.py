@@ -28,7 +28,7 @@ from lis_grasp.pipeline._stage_files import (
     write_surface,
 )
 from lis_grasp.pipeline.contact_sources import ContactSource, join_sources
-from lis_grasp.pipeline.exploring import say_width
+from lis_grasp.pipeline.exploring import say_repairs, say_width
 from lis_grasp.pipeline.known import Known, Perception, station_facts
 from lis_grasp.pipeline.lifting_stage import lift_each, require_simulator
 from lis_grasp.pipeline.option import HEIGHT, at_least, checked_value
@@ -39,7 +39,7 @@ from lis_grasp.pipeline.run_config import RunConfig, require_used
 from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.worker_pool import process_count
 from lis_grasp.robots.hand import Hand
-from lis_grasp.shapes import Shape, load
+from lis_grasp.shapes import load
 from lis_grasp.surfaces import load_contacts
 from lis_grasp.surfaces.contact_loading import DOUBTFUL, fraction_in_front
 from lis_grasp.typing import FloatArray
@@ -250,7 +250,7 @@ def lifting_of(path: Path, options: Mapping[str, Any], progress: Progress) -> Li
     config = RunConfig.from_facts({"hand": None, **options}, recorded)
     poses = {**recorded, "X_EA": recorded_base(options, recorded)}
     scenario = Scenario.from_config(config, recorded=poses)
-    _say_repairs(scenario.truth.shape, progress)
+    say_repairs(scenario.truth.shape, progress)
     if config.obstacles is not None:
         progress.say("the lift is simulated without the obstacles")
     require_simulator(config.simulator, scenario.truth.shape)
@@ -272,7 +272,7 @@ def load_mesh(
     if recorded and units is None and up is None:
         return load_surface(path)
     shape = load(path, units, up)
-    _say_repairs(shape, progress)
+    say_repairs(shape, progress)
     return shape.mesh
 
 
@@ -281,12 +281,6 @@ def recorded_base(options: Mapping[str, Any], recorded: Mapping[str, Any]) -> Fl
     if options.get("arm") is not None or options.get("base") is not None:
         return None
     return None if "X_EA" not in recorded else require_pose("X_EA", recorded["X_EA"])
-
-
-def _say_repairs(shape: Shape, progress: Progress) -> None:
-    """Report the repairs of an object's mesh."""
-    for repair in shape.repairs:
-        progress.say(f"repaired: {repair}")
 
 
 def _load_sources(sources: Sequence[ContactSource]) -> tuple[Contacts, dict[str, Any]]:
@@ -332,7 +326,8 @@ def _require_contacts_fit(folder: Path, contacts: Contacts, sources: Sequence[Pa
         return False
     with suppress(LisGraspError):  # points without normals, perhaps
         present = Contacts.load(path)
-        if all(_are_equal(getattr(present, n), getattr(contacts, n)) for n in _COMPARED):
+        both = ([np.asarray(getattr(c, n), float) for c in (present, contacts)] for n in _COMPARED)
+        if all(np.array_equal(first, second, equal_nan=True) for first, second in both):
             return True
     require_own(path)
     if (folder / LOG).exists() or path.resolve() in inputs:
@@ -343,12 +338,6 @@ def _require_contacts_fit(folder: Path, contacts: Contacts, sources: Sequence[Pa
             value=str(folder),
         )
     return False
-
-
-def _are_equal(first: FloatArray | None, second: FloatArray | None) -> bool:
-    if first is None or second is None:
-        return first is second
-    return np.array_equal(first, second, equal_nan=True)
 
 
 def _findings(contacts: Contacts, paths: Sequence[Path], *, checked: bool) -> Iterator[str]:

@@ -68,9 +68,7 @@ class Run:
         InvalidFileError
             If the folder has no results, or a file is damaged.
         """
-        if not isinstance(folder, (str, Path)) or Path(folder).is_file():
-            raise InvalidFileError(f"{folder} must be a folder of results, and no file in it")
-        folder = Path(folder)
+        folder = Path(str(folder))
         files = {path.name: path for path in folder.glob("*.*")}
         source = next((files[name] for name in SOURCES if name in files), None)
         if source is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -73,9 +74,9 @@ def located(facts: dict[str, Any], folder: Path) -> dict[str, Any]:
     """
     around = (folder.absolute(), *folder.absolute().parents)
     for name in ("object", "cloud", "hand", "arm", "obstacles"):
-        path = Path(facts.get(name) or "")
-        if path.suffix and not path.exists():
-            found = (str(outer / path) for outer in around if (outer / path).is_file())
+        path = Path(str(facts.get(name) or ""))  # of a report, it may be of any type
+        if path.suffix and not os.path.exists(path):
+            found = (str(outer / path) for outer in around if os.path.isfile(outer / path))
             facts = facts | {name: next(found, facts[name])}
     return facts
 

@@ -19,7 +19,7 @@ from lis_grasp.io.limits import reading
 from lis_grasp.io.surface_files import load_growth
 from lis_grasp.pipeline.known import find_obstacles
 from lis_grasp.pipeline.results import SOURCES, Run
-from lis_grasp.pipeline.results_folder import LOG, read_facts
+from lis_grasp.pipeline.results_folder import LOG, located, read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.summary import headline, run_lines
 from lis_grasp.robots.arm import Arm
@@ -104,7 +104,8 @@ def _unfinished(
 def _recorded(log: Path) -> tuple[Mapping[str, Any], tuple[ProbeOutcome, ...] | None]:
     """Return a log's header and outcomes; {} and None without a sound one: a page needs none."""
     try:
-        return read_log(log)
+        header, outcomes = read_log(log)
+        return located(header, log.parent), outcomes
     except LisGraspError:
         return {}, None
 

@@ -73,7 +73,7 @@ def test_a_folder_without_results_is_refused(tmp_path) -> None:
         Run.load(tmp_path)
     (tmp_path / "report.json").write_text("{}")
     for mistaken in (None, tmp_path / "report.json"):
-        with pytest.raises(InvalidFileError, match="must be a folder of results"):
+        with pytest.raises(InvalidFileError, match="has no results.*name a folder"):
             Run.load(mistaken)
 
 
