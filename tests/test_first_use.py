@@ -243,7 +243,7 @@ def test_a_grasp_names_its_hand(
     with pytest.raises(TypeError, match="^lift .*'region'"):
         lis_grasp.lift(box, grasp, region=(0.2, 0.2, 0.2))
     for arguments in ((), ("wsg50",), (grasp, "wsg50")):
-        with pytest.raises(TypeError, match=r"^grasp .*Grasp.*lift\(object, hand, grasp\)"):
+        with pytest.raises(TypeError, match=r"^grasp of lift\(object, hand, grasp\) .*Grasp"):
             lis_grasp.lift(box, *arguments)
 
 

@@ -72,10 +72,7 @@ def load_source(source: ContactSource) -> Contacts:
 
 def join_sources(sources: Iterable[ContactSource]) -> Contacts:
     """Load the contacts of several sensors, as of `load_source`, and join them."""
-    joined = Contacts.empty()
-    for source in sources:
-        joined = joined.append(load_source(source))
-    return joined
+    return sum(map(load_source, sources), Contacts.empty())
 
 
 def prior_contacts(cloud: Contacts) -> Contacts:

@@ -236,8 +236,7 @@ def lift(
         hand, grasp = None, grasp or hand
     if not isinstance(grasp, Grasp):
         raise TypeError(
-            f"grasp must be a Grasp, such as search.best; it is of type {type(grasp).__name__}:"
-            " write lift(object, hand, grasp)"
+            f"grasp of lift(object, hand, grasp) must be a Grasp; it is a {type(grasp).__name__}"
         )
     chosen = grasp.hand if hand is None else hand
     return lifting_stage.lift(_scenario(object, chosen, options), grasp)
@@ -245,8 +244,7 @@ def lift(
 
 def _scenario(object_: AnyObject, hand: AnyHand, options: Mapping[str, Any]) -> Scenario:
     config, shape = _find(object_, _config(hand, options))
-    hand = hand if isinstance(hand, Hand) else Hand.load(hand)
-    return Scenario.from_config(config, shape, hand)
+    return Scenario.from_config(config, shape, hand if isinstance(hand, Hand) else None)
 
 
 def _config(hand: AnyHand, options: Mapping[str, Any]) -> RunConfig:

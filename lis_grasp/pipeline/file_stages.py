@@ -255,9 +255,8 @@ def lifting_of(path: Path, options: Mapping[str, Any], progress: Progress) -> Li
         progress.say("the lift is simulated without the obstacles")
     require_simulator(config.simulator, scenario.truth.shape)
     surface = path.with_name("surface.ply")
-    needs_estimate = scenario.known.station is not None and surface.exists()
-    estimate = load_surface(surface) if needs_estimate else None
-    return LiftingWork(search, scenario, estimate, recorded)
+    avoided = scenario.known.station is not None and surface.exists()
+    return LiftingWork(search, scenario, load_surface(surface) if avoided else None, recorded)
 
 
 def load_mesh(
