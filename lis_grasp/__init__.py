@@ -8,7 +8,7 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from lis_grasp._moved import MovedModules, new_place
+from lis_grasp._moved import ADVICE, MovedModules, new_place
 from lis_grasp.version import __version__
 
 if TYPE_CHECKING:
@@ -43,56 +43,27 @@ if TYPE_CHECKING:
     from lis_grasp.visualization import Scene as Scene
 
 _HOMES = {
-    "BlendedImplicitSurface": "lis_grasp.surfaces",
-    "Contacts": "lis_grasp.contacts",
-    "ForceClosureSampler": "lis_grasp.grasping.sampler",
-    "GaussianProcessImplicitSurface": "lis_grasp.surfaces",
-    "Grasp": "lis_grasp.grasping.grasps",
-    "GraspSearch": "lis_grasp.grasping.grasps",
-    "Hand": "lis_grasp.robots.hand",
-    "ImplicitSurface": "lis_grasp.surfaces",
-    "LocalImplicitSurface": "lis_grasp.surfaces",
-    "PatchImplicitSurface": "lis_grasp.surfaces",
-    "Run": "lis_grasp.pipeline",
-    "RunConfig": "lis_grasp.pipeline",
-    "Scene": "lis_grasp.visualization",
-    "Shape": "lis_grasp.shapes",
-    "SmoothImplicitSurface": "lis_grasp.surfaces",
-    "epsilon_quality": "lis_grasp.grasping.epsilon",
-    "estimate": "lis_grasp.surfaces",
-    "explore": "lis_grasp.pipeline.direct",
-    "extract_mesh": "lis_grasp.meshing",
-    "is_force_closure": "lis_grasp.grasping.force_closure",
-    "lift": "lis_grasp.pipeline.direct",
-    "load_contacts": "lis_grasp.surfaces",
-    "pipeline": "lis_grasp.pipeline",
-    "plan": "lis_grasp.pipeline.direct",
-    "run": "lis_grasp.pipeline.direct",
-    "shapes": "lis_grasp.shapes",
-    "surface_error": "lis_grasp.evaluation.surface_error",
-}
-
-# What guessed names stand for, in lower case.
-_CALLS = {
-    **{
-        name: f"estimate(contacts, '{name}')"
-        for name in ("lis", "gpis", "smooth", "blend", "patch")
-    },
-    **dict.fromkeys(("draw", "draw_scene"), "Scene(...).save(path)"),
-    **dict.fromkeys(("explore_object", "touch"), "explore(object, hand)"),
-    **dict.fromkeys(("grasp", "grasp_planner", "plan_grasps"), "plan(mesh, hand)"),
-    "hand_names": "Hand.load(name), a name being allegro, wsg50 or barrett",
-    **dict.fromkeys(("lift_object", "simulate", "simulate_lift"), "lift(object, hand, grasp)"),
-    "load": "load_contacts(path), Hand.load(name) or shapes.load(path)",
-    "load_grasps": "GraspSearch.load(path)",
-    "load_hand": "Hand.load(name)",
-    **dict.fromkeys(("load_mesh", "load_surface"), "shapes.load(path)"),
-    **dict.fromkeys(("load_results", "results"), "Run.load(folder)"),
-    "load_shape": "shapes.find(name) or shapes.load(path)",
-    "mesh": "extract_mesh(surface)",
-    "sample_contacts": "explore(object, hand, prober='kinematic').contacts",
-    "save_contacts": "contacts.save(path)",
-    "shape_names": "shapes.NAMES",
+    name: home
+    for home, names in {
+        "lis_grasp.contacts": "Contacts",
+        "lis_grasp.evaluation.surface_error": "surface_error",
+        "lis_grasp.grasping.epsilon": "epsilon_quality",
+        "lis_grasp.grasping.force_closure": "is_force_closure",
+        "lis_grasp.grasping.grasps": "Grasp GraspSearch",
+        "lis_grasp.grasping.sampler": "ForceClosureSampler",
+        "lis_grasp.meshing": "extract_mesh",
+        "lis_grasp.pipeline": "Run RunConfig pipeline",
+        "lis_grasp.pipeline.direct": "explore lift plan run",
+        "lis_grasp.robots.hand": "Hand",
+        "lis_grasp.shapes": "Shape shapes",
+        "lis_grasp.surfaces": (
+            "BlendedImplicitSurface GaussianProcessImplicitSurface ImplicitSurface "
+            "LocalImplicitSurface PatchImplicitSurface SmoothImplicitSurface estimate "
+            "load_contacts"
+        ),
+        "lis_grasp.visualization": "Scene",
+    }.items()
+    for name in names.split()
 }
 
 if MovedModules not in sys.meta_path:
@@ -119,10 +90,10 @@ def _advice(name: str) -> str:
 
     from lis_grasp.exceptions import nearest_of
 
-    if new_place(f"lis_grasp.{name}") is not None:
-        return f": {new_place(f'lis_grasp.{name}')}"
-    if name.lower() in _CALLS:
-        return f": write {_CALLS[name.lower()]}"
+    if place := new_place(f"lis_grasp.{name}"):
+        return f": {place}"
+    if name.lower() in ADVICE:
+        return ADVICE[name.lower()]
     if find_spec(f"lis_grasp.{name}") is not None:
         return f": write import lis_grasp.{name}"
     return nearest_of(name, __all__)

@@ -1,4 +1,4 @@
-"""Where names of version 1.4 are now: whoever imports one gets a sentence, not a bare error."""
+"""Where names of version 1.4 are now, and what guessed names stand for, in sentences."""
 
 from __future__ import annotations
 
@@ -59,6 +59,35 @@ _PLACES = {
     "surfaces.gaussian_process": "lis_grasp.surfaces.gaussian_process_implicit_surface",
     "surfaces.noise_estimation": "lis_grasp.surfaces.contact_preparation",
     "visualization.run_scene": "lis_grasp.pipeline.run_scene",
+}
+
+# What guessed names and members stand for, in lower case, as the end of a message.
+ADVICE = {
+    name: f": write {call}"
+    for names, call in {
+        "blend gpis lis patch smooth": "estimate(contacts, method), as 'gpis' or 'lis'",
+        "draw draw_scene plot show view": "Scene(...).save(path)",
+        "explore_object sample_contacts touch": "explore(object, hand).contacts",
+        "grasp grasp_planner plan_grasps": "plan(mesh, hand)",
+        "hand_names list_hands load_hand": "Hand.load('allegro'), or another name or file",
+        "lift_object simulate simulate_lift": "lift(object, hand, grasp)",
+        "load load_mesh load_shape load_surface": "load_contacts(path) or shapes.load(path)",
+        "load_arm load_grasps": "robots.arm.Arm.load(name) or GraspSearch.load(path)",
+        "load_results load_run results": "Run.load(folder)",
+        "mesh surface.mesh surface.to_mesh": "extract_mesh(surface)",
+        "next_probe next_touch": "exploration.choose(...), or run `lis-grasp next`",
+        "save_contacts": "contacts.save(path)",
+        "shape_names": "shapes.NAMES",
+        "estimator estimators register_estimator": "surfaces.ESTIMATORS, or 'my.module:Class'",
+        "policies policy": "exploration.POLICIES, or 'my.module:Class'",
+        "contacts.concatenate": "append(contacts)",
+        "contacts.positions": "points",
+        "grasp.contacts": "contact_points",
+        "grasp.score": "epsilon or success_probability",
+        "surface.sdf": "evaluate(points)",
+        "surface.normals": "gradient(points)",
+    }.items()
+    for name in names.split()
 }
 
 

@@ -185,12 +185,12 @@ def _loaded(point: EntryPoint, name: str, option: str) -> Any:
     except Exception as error:
         reason = " ".join(str(error).split())
         own = isinstance(error, ImportError | AttributeError | SyntaxError)
-        absent = isinstance(error, ModuleNotFoundError) and module.startswith(error.name or " ")
-        cure = f": put {module.partition('.')[0]} into this folder, or install it" if absent else ""
+        absent = error.name if isinstance(error, ModuleNotFoundError) else ""
         raise InvalidOptionError(
             f"{option} '{name}' must be an attribute of a module that can be imported;"
             f" {type(error).__name__}{'' if own else _place(error)}:"
-            f" {reason or 'no reason given'}{cure}",
+            f" {reason or 'no reason given'}"
+            f"{absent and f': put {absent} into this folder, or install it'}",
             option=option,
             value=name,
         ) from error

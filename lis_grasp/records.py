@@ -10,6 +10,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from lis_grasp._moved import ADVICE
+
 # Entries of an array that are shown; of longer ones the shape is.
 _SHOWN = 4
 
@@ -27,6 +29,17 @@ class Record:
 
     def __deepcopy__(self: _Record, memo: dict[int, Any]) -> _Record:
         return self
+
+
+def _refuse(record: Any, name: str) -> None:
+    """Raise the error of a member that is not there, with the right one for a guessed one."""
+    owner = type(record).__name__
+    advice = ADVICE.get(f"{owner[-7:] if owner.endswith('Surface') else owner}.{name}".lower(), "")
+    message = f"'{owner}' object has no attribute '{name}'{advice}"
+    raise AttributeError(message, name=name, obj=record)
+
+
+Record.__getattr__ = _refuse  # type: ignore[attr-defined]
 
 
 class FrozenArrays:
@@ -106,6 +119,7 @@ def made_by(maker: str) -> Callable[[type[_Record]], type[_Record]]:
             make(self, *args, **fields)
 
         cls.__init__ = checked  # type: ignore[assignment]
+        cls.__getattr__ = _refuse  # type: ignore[attr-defined]
         return cls
 
     return decorate

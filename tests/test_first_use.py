@@ -9,7 +9,15 @@ import pytest
 import trimesh
 
 import lis_grasp
-from lis_grasp import Contacts, ForceClosureSampler, Grasp, GraspSearch, Hand, RunConfig, pipeline
+from lis_grasp import (
+    Contacts,
+    ForceClosureSampler,
+    Grasp,
+    GraspSearch,
+    Hand,
+    RunConfig,
+    pipeline,
+)
 from lis_grasp.cli.main import build_parser
 from lis_grasp.cli.options import configure_touch
 from lis_grasp.exceptions import (
@@ -261,8 +269,8 @@ def test_a_name_stands_for_an_object_or_is_answered() -> None:
 @pytest.mark.parametrize(
     ("name", "advice"),
     [
-        ("LIS", r"estimate\(contacts, 'lis'\)"),
-        ("gpis", r"estimate\(contacts, 'gpis'\)"),
+        ("LIS", r"estimate\(contacts, .*'lis'"),
+        ("gpis", r"estimate\(contacts, .*'gpis'"),
         ("graspsearch", r"'GraspSearch'"),
         ("Contact", r"'Contacts'"),
         ("load", r"load_contacts\(path\)"),
@@ -270,6 +278,8 @@ def test_a_name_stands_for_an_object_or_is_answered() -> None:
         ("save_contacts", r"contacts\.save\(path\)"),
         ("load_results", r"Run\.load\(folder\)"),
         ("evaluation", r"import lis_grasp\.evaluation"),
+        ("load_run", r"Run\.load\(folder\)"),
+        ("ESTIMATORS", r"surfaces\.ESTIMATORS"),
     ],
 )
 def test_a_guessed_name_is_answered(
@@ -278,6 +288,21 @@ def test_a_guessed_name_is_answered(
     monkeypatch.delattr(lis_grasp, name, raising=False)  # set by an import elsewhere
     with pytest.raises(AttributeError, match=f"'{name}'.*{advice}"):
         getattr(lis_grasp, name)
+
+
+def test_a_guessed_member_is_answered(gripper: Hand, box: trimesh.Trimesh) -> None:
+    surface = lis_grasp.estimate(CONTACTS, free_space=False)
+    grasp = lis_grasp.plan(box, gripper, grasps=1).best
+    for owner, name, advice in (
+        (CONTACTS, "positions", "write points"),
+        (surface, "sdf", "write evaluate(points)"),
+        (surface, "to_mesh", "write extract_mesh(surface)"),
+        (grasp, "contacts", "write contact_points"),
+        (grasp, "score", "write epsilon or success_probability"),
+    ):
+        with pytest.raises(AttributeError, match=f"'{name}': .*{re.escape(advice)}"):
+            getattr(owner, name)
+        assert not hasattr(owner, f"_{name}")
 
 
 def _resolved(dotted: str) -> object:

@@ -67,10 +67,9 @@ def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
             decimal = len(row) == 2 * len(header) and "," in lines[number]
             words = re.split(r"[;\s]+", lines[number].strip())
             decimal |= len(words) == len(header) and any(map(DECIMAL_COMMA.fullmatch, words))
-            cure = f"give each row a cell for each of {', '.join(header)}"
             raise InvalidFileError(
                 f"{path}: row {number} has {len(row)} cells, its header has {len(header)}:"
-                f" {'write numbers with a decimal point, not a comma' if decimal else cure}",
+                f" {'write a decimal point, not a comma' if decimal else 'give every row as many'}",
                 path=path,
             )
     return [name.strip().lower() for name in header], [[cell.strip() for cell in r] for r in rows]

@@ -89,9 +89,7 @@ def write_json_schema(schema: type[BaseModel], path: Path) -> None:
     path.write_text(json.dumps(schema.model_json_schema(), indent=1) + "\n", encoding="utf-8")
 
 
-def read_json(
-    schema: type[_Schema], path: Path, what: str, cure: str = "write it again"
-) -> _Schema:
+def read_json(schema: type[_Schema], path: Path, what: str, cure: str = "repair it") -> _Schema:
     """Return the content of a JSON file as a record; errors as of `reading` and `checked`."""
     with reading(path, "JSON", advice=cure):
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -99,7 +97,7 @@ def read_json(
 
 
 def checked(schema: type[_Schema], content: Any, path: Path, what: str, cure: str = "") -> _Schema:
-    """Return the content of a file as a record; `what` names it in the message, `cure` ends that.
+    """Return the content of a file as a record; `what` names it in the message, `cure` ends it.
 
     Raises `InvalidFileError` if a value is not of its type; the message names the first.
     """

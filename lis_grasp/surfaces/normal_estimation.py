@@ -149,8 +149,7 @@ def _require_evidence(centers: Contacts, directions: FloatArray) -> None:
     if places < needed:
         raise InvalidContactsError(
             f"normals need at least {needed} points at different places if directions of approach"
-            f" are not known; there are {places}: add points, or columns of"
-            " normals (nx,ny,nz) or of these directions (ax,ay,az)"
+            f" are not known; there are {places}: add points, or columns nx,ny,nz or ax,ay,az"
             if needed > 1
             else "normals need at least one point; there are none",
             field="points",
@@ -175,9 +174,8 @@ def _estimate(centers: Contacts, inward: FloatArray) -> tuple[FloatArray, FloatA
     maxima += posterior.maxima([-maxima[0].normals])
     if _are_ambiguous(maxima):
         raise EstimationError(
-            "the points do not say which side of the surface is outside: add normals (columns"
-            " nx,ny,nz), directions of approach (ax,ay,az), points in free space or on other"
-            " sides, or give `position_noise`"
+            "the points do not say which side is outside: add normals (columns nx,ny,nz) or"
+            " directions of approach (ax,ay,az), points in free space, or give `position_noise`"
         )
     return _mixture(maxima)
 

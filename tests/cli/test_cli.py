@@ -329,9 +329,9 @@ def test_a_mistyped_option_gets_the_nearest_one(capsys: pytest.CaptureFixture[st
 @pytest.mark.parametrize(
     ("verb", "name", "text", "cure"),
     [
-        ("estimate", "rag.csv", "x,y,z\n1,2", "give each row a cell for each of x, y, z"),
-        ("estimate", "rag.csv", "x,y,z\n0,1;0,2;0,3", "a decimal point, not a comma"),
-        ("estimate", "n.csv", "x,y,z,n1,n2,n3\n0,0,0,0,0,1", "columns of normals (nx,ny,nz)"),
+        ("estimate", "rag.csv", "x,y,z\n1,2", "give every row as many"),
+        ("estimate", "rag.csv", "x,y,z\n0,1;0,2;0,3", "write a decimal point"),
+        ("estimate", "n.csv", "x,y,z,n1,n2,n3\n0,0,0,0,0,1", "columns nx,ny,nz or ax,ay,az"),
         (
             "estimate --estimator absent:A",
             "c.csv",
