@@ -69,7 +69,7 @@ ADVICE = {
         "draw draw_scene plot show view": "Scene(...).save(path)",
         "explore_object sample_contacts touch": "explore(object, hand).contacts",
         "grasp grasp_planner plan_grasps": "plan(mesh, hand)",
-        "hand_names list_hands load_hand": "Hand.load('allegro'), or another name or file",
+        "hand_names hands list_hands load_hand": "Hand.load('allegro'), or another name or file",
         "lift_object simulate simulate_lift": "lift(object, hand, grasp)",
         "load load_mesh load_shape load_surface": "load_contacts(path) or shapes.load(path)",
         "load_arm load_grasps": "robots.arm.Arm.load(name) or GraspSearch.load(path)",

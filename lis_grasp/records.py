@@ -31,12 +31,11 @@ class Record:
         return self
 
 
-def _refuse(record: Any, name: str) -> None:
+def _refuse(item: Any, name: str) -> None:
     """Raise the error of a member that is not there, with the right one for a guessed one."""
-    owner = type(record).__name__
+    owner = type(item).__name__
     advice = ADVICE.get(f"{owner[-7:] if owner.endswith('Surface') else owner}.{name}".lower(), "")
-    message = f"'{owner}' object has no attribute '{name}'{advice}"
-    raise AttributeError(message, name=name, obj=record)
+    raise AttributeError(f"'{owner}' object has no attribute '{name}'{advice}", name=name, obj=item)
 
 
 Record.__getattr__ = _refuse  # type: ignore[attr-defined]

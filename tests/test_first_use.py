@@ -279,6 +279,7 @@ def test_a_name_stands_for_an_object_or_is_answered() -> None:
         ("load_results", r"Run\.load\(folder\)"),
         ("evaluation", r"import lis_grasp\.evaluation"),
         ("load_run", r"Run\.load\(folder\)"),
+        ("HANDS", r"Hand\.load\('allegro'\)"),
         ("ESTIMATORS", r"surfaces\.ESTIMATORS"),
     ],
 )
