@@ -17,6 +17,7 @@ from lis_grasp_studies.evaluation.grasp_tables import (
     lost_table,
     rates_chart,
     stages_table,
+    ways_table,
 )
 from lis_grasp_studies.evaluation.grasps import GRASPS, GraspTrial
 from lis_grasp_studies.evaluation.part import Answer, Part, Places, group_of, interleaved
@@ -83,12 +84,13 @@ class GraspsPart(LiftsPart):
         return GraspTrial(trial, self.budgets)
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """Return the rates by family, the objects that are lost, attempts, calibration, times."""
+        """Return the rates by family, lost objects, ways to grasp, attempts, calibration, times."""
         once = where(rows, attempts=1)
         return [
             families_table(once, self.objects),
             lost_table(once),
             summary_table(once, REFERENCE),
+            ways_table(once),
             attempts_table(rows),
             calibration_table(once),
             reasons_table(once),

@@ -121,6 +121,24 @@ def _reasons(rows: Sequence[Row]) -> str:
     return ", ".join(f"{reason} {count}" for count, reason in counts) or "held"
 
 
+def ways_table(rows: Sequence[Row]) -> Table:
+    """Return the grasps held by each estimator, by the grasp's own family and hand."""
+    columns: list[Column] = [
+        (
+            estimator_label(name),
+            lambda rows, name=name: _count_of(where(rows, estimator=name)),  # type: ignore[misc]
+        )
+        for name in names(rows, "estimator")
+    ]
+    groups = split([row for row in rows if row.get("family")], "family", "hand")
+    ordered = {key: groups[key] for key in sorted(groups)}
+    return grouped_table("ways", "Held by family of the grasp", "grasp | hand", ordered, columns)
+
+
+def _count_of(rows: Sequence[Row]) -> str:
+    return f"{len(where(rows, held=True))} of {len(rows)}"
+
+
 def attempts_table(rows: Sequence[Row]) -> Table:
     """Return the rates of one attempt and of several, of the same explorations."""
     more = [row for row in rows if row["attempts"] > 1]
@@ -146,7 +164,7 @@ def attempts_table(rows: Sequence[Row]) -> Table:
 def stages_table(rows: Sequence[Row]) -> Table:
     """Return the grasps held, and the times of the stages, by hand and number of touches."""
     columns: list[Column] = [
-        ("held", lambda rows: f"{len(where(rows, held=True))} of {len(rows)}"),
+        ("held", _count_of),
         *((f"{name} [s]", median_cell(f"seconds_{name}", digits=2)) for name in _TIMES),
     ]
     groups = split([r for r in rows if r["estimator"] == SUBJECT], "hand", "touches")

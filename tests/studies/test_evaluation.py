@@ -29,6 +29,7 @@ from lis_grasp_studies.evaluation.grasp_tables import (
     families_table,
     held_rates,
     published_objects,
+    ways_table,
 )
 from lis_grasp_studies.evaluation.grasps import GraspTrial, measure_grasps
 from lis_grasp_studies.evaluation.part import Places, SeedsPart, interleaved
@@ -193,6 +194,10 @@ def test_rates_and_tables_are_those_counted_by_hand() -> None:
     assert body[0] == ("vessels", "1", "50", "100", "−50.0")  # the loss first
     assert body[1] == ("tools", "1", "100", "50", "+50.0")
     assert body[2] == ("all", "2", "75", "75", "+0.0")
+    pinched = [row | {"family": "rim" if row["object"] == "cup" else "pinch"} for row in rows]
+    assert [line[0] for line in ways_table(pinched).body] == ["pinch", "rim"]
+    assert ways_table(pinched).body[1][2:] == ("1 of 2", "2 of 2")
+    assert not ways_table(rows).body  # of a version that named no family
     more = lifts({"blend": [1, 1, 1, 1]}, attempts=3)
     (line,) = attempts_table([*rows, *more]).body
     assert line[:3] == ("blend", "3", "4")
