@@ -92,10 +92,11 @@ def extract_mesh(
         kept = own if own.any() else kept
     if not kept.all():
         kept = _with_their_solids(kept, vertices, faces, part)
-    cut = np.isclose(vertices, box[:, None]).any(axis=(0, 2))
-    if cut.any():
-        depths = np.minimum(field.values(vertices), 0.0)
-        uncertainty = np.where(cut, np.hypot(uncertainty, depths), uncertainty)
+    cut = np.flatnonzero(np.isclose(vertices, box[:, None]).any(axis=(0, 2)))
+    if len(cut):
+        depths = np.zeros(len(vertices))
+        depths[cut] = np.minimum(field.values(vertices[cut]), 0.0)
+        uncertainty = np.hypot(uncertainty, depths)
     faces = faces[kept[part[faces[:, 0]]]]
     if np.linalg.det(vertices[faces] - vertices[faces].mean(axis=(0, 1))).sum() <= 0.0:
         raise EstimationError(
