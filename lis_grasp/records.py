@@ -31,10 +31,15 @@ class Record:
         return self
 
 
-def _refuse(item: Any, name: str) -> None:
-    """Raise the error of a member that is not there, with the right one for a guessed one."""
+def _refuse(item: Any, name: str) -> Any:
+    """Raise the error of a member that is not there, with the right one for a guessed one.
+
+    Python asks here after an `AttributeError` inside a property too, whose own error is raised.
+    """
     owner = type(item).__name__
-    advice = ADVICE.get(f"{owner[-7:] if owner.endswith('Surface') else owner}.{name}".lower(), "")
+    advice = ADVICE.get(f"{owner[-7:] if owner.endswith('Surface') else owner}.{name}".lower())
+    if advice is None:
+        return object.__getattribute__(item, name)
     raise AttributeError(f"'{owner}' object has no attribute '{name}'{advice}", name=name, obj=item)
 
 

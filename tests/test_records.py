@@ -5,9 +5,11 @@ from __future__ import annotations
 from copy import copy, deepcopy
 
 import numpy as np
+import pytest
 from made_grasps import jaw_grasp
 
 from lis_grasp import Contacts, GraspSearch, Hand, pipeline, shapes
+from lis_grasp.records import Record
 from lis_grasp.surfaces import ESTIMATORS, carved
 
 
@@ -37,3 +39,17 @@ def test_a_copy_of_a_record_is_the_record() -> None:
     outcome = exploration.outcomes[0]
     for record in (contacts, exploration, outcome, outcome.probe, search, *search):
         assert deepcopy(record) is copy(record) is record
+
+
+def test_an_error_inside_a_property_is_not_taken_for_a_missing_member() -> None:
+    class Broken(Record):
+        __slots__ = ()
+
+        @property
+        def extent(self) -> float:
+            return None.size  # type: ignore[attr-defined, no-any-return]
+
+    with pytest.raises(AttributeError, match="'NoneType' object has no attribute 'size'"):
+        _ = Broken().extent
+    with pytest.raises(AttributeError, match="'Broken' object has no attribute 'absent'"):
+        _ = Broken().absent
