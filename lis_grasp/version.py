@@ -1,3 +1,3 @@
 """The version of the package, which nothing needs the package itself to read."""
 
-__version__ = "1.4.0"
+__version__ = "2.0.0"

@@ -24,7 +24,7 @@ _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3))) / np.sqrt(3.0)
 _PLACES = np.vstack([np.zeros((1, 3)), _FACES, _CORNERS])  # (15, 3)
 
 # Walls that go on down to a table: contacts this near to it [m], normals with such parts upward.
-_NEAR_TABLE, _LEAST_SLOPE, _LARGEST_SLOPE = 0.0135, -0.2, 0.5
+_NEAR_TABLE, _LARGEST_SLOPE = 0.0135, 0.2
 
 # An estimate is about a distance: a ball whose centre has a value of this many radii is free.
 _FAR = 1.5
@@ -218,7 +218,7 @@ def standing_on(contacts: Contacts, height: float) -> Contacts:
     one more contact is below it, at the table.
     """
     near, slopes = contacts.points[:, 2] < height + _NEAR_TABLE, contacts.normals[:, 2]
-    walls = contacts.subset(near & (slopes > _LEAST_SLOPE) & (slopes < _LARGEST_SLOPE))
+    walls = contacts.subset(near & (np.abs(slopes) < _LARGEST_SLOPE))
     walls = replace(walls, free_points=np.empty((0, 3)), free_radii=np.empty(0))
     feet, level = walls.points * [1, 1, 0] + [0.0, 0.0, height], unit(walls.normals * [1, 1, 0])
     return contacts.append(replace(walls, points=feet, normals=level))
