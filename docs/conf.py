@@ -28,7 +28,7 @@ shutil.copytree(
     ignore=shutil.ignore_patterns(".ipynb_checkpoints"),
 )
 
-WORDS = 46_000
+WORDS = 45_000
 logger = logging.getLogger(__name__)
 
 project = "lis_grasp"
@@ -51,10 +51,12 @@ default_role = "py:obj"
 autodoc_default_options = {"member-order": "bysource"}
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented_params"
-autodoc_type_aliases = {name: name for name in ("FloatArray", "IndexArray", "ArrayLike")}
+_ALIASES = ("FloatArray", "IndexArray", "ArrayLike", "Estimator", "Runner", "StopRule")
+autodoc_type_aliases = {name: name for name in _ALIASES}
 autodoc_preserve_defaults = True
 autodoc_mock_imports = ["mujoco", "coacd"]  # optional
 napoleon_google_docstring = False
+napoleon_attr_annotations = False  # autodoc adds all types
 napoleon_use_rtype = False
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
@@ -103,10 +105,11 @@ _ARRAY_LIKE = stringify_annotation(ArrayLike, "smart")
 
 
 def name_types(app: Sphinx, *_: object) -> None:
-    """Write the aliases of types by their names."""
+    """Write the aliases of types by their names; the signature shows which defaults are None."""
     for annotations in app.env.current_document.autodoc_annotations.values():
         for name, text in annotations.items():
-            annotations[name] = _ALIAS.sub(r"\1", text.replace(_ARRAY_LIKE, "ArrayLike"))
+            text = _ALIAS.sub(r"\1", text.replace(_ARRAY_LIKE, "ArrayLike"))
+            annotations[name] = text.removesuffix(" | None")
 
 
 def show_return(

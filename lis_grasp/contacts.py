@@ -46,10 +46,10 @@ class Contacts(Record):
     times
         Shape (N,) [s], of the contacts, or None.
     free_points
-        Shape (K, 3) [m], in free space: the hand passed through them without a contact.
+        Shape (K, 3) [m]: places that the hand passed through without a contact.
     free_radii
-        Shape (K,) [m], of free balls about these points; empty if only the points are known to be
-        free. A half-space, such as that beyond a felt end, is a ball of `HALF_SPACE`.
+        Shape (K,) [m], of free balls about these points; empty if only the points are free. A
+        half-space, such as that beyond a felt end, is a ball of `HALF_SPACE`.
     position_noise
         Shape (N,) [m], one standard deviation of each contact's position along its normal. NaN
         where it is unknown; None if it is unknown for all.
@@ -57,7 +57,7 @@ class Contacts(Record):
         Shape (N,) [rad], one standard deviation of each component of each contact's normal
         perpendicular to it. NaN and None as of `position_noise`.
     judged
-        Whether estimators believe all of them, instead of turning or leaving out those that others
+        Whether estimators believe all contacts, instead of turning or leaving out those that others
         contradict (`judge_contacts`). It is not part of files.
 
     Raises
@@ -68,8 +68,7 @@ class Contacts(Record):
 
     Examples
     --------
-    Contacts are sliced and joined like a sequence; a single one is contacts of one, so that
-    ``for contact in contacts`` has the point ``contact.points[0]``.
+    Contacts are sliced and joined like a sequence; each item is contacts of one.
 
     >>> import numpy as np
     >>> axes = np.vstack([np.eye(3), -np.eye(3)])

@@ -50,10 +50,10 @@ def add_hand(
     hand
         The hand, its name or the path of its YAML file.
     name
-        Of the new model instance: another one for each hand.
+        Of the new model instance.
     instance
-        The model instance of a hand that ``Parser`` or directives added to the plant: its links and
-        joints are found by their names. The plant may be finalized.
+        The model instance of a hand that ``Parser`` or directives added to the plant, which may be
+        finalized: links and joints are found by name.
     parent, X_PG
         A frame to which G is welded, and the pose of G in it; None for the identity.
     gains
@@ -103,8 +103,7 @@ def add_object(
     """Add an object with its exact shape, ready for contact, and return its body.
 
     The mesh is rigid and hydroelastic, so bores and corners are felt. Coplanar triangles are
-    merged: contact of a flat face with a table costs by its triangles. The body floats; weld it, or
-    set its pose by ``plant.SetDefaultFloatingBaseBodyPose``.
+    merged. The body floats; weld it, or set its pose by ``plant.SetDefaultFloatingBaseBodyPose``.
 
     Parameters
     ----------

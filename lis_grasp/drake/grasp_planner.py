@@ -36,8 +36,8 @@ class GraspPlanner(LeafSystem):
     minus its predicted success, and the desired pose of the base link's body; ``(inf, identity)``
     if there is none. ``plan`` is the `GraspSearch`, with poses of the palm in E. The others are
     vectors (J,) in the order of the hand's actuators: joint positions in contact, opened ones, and
-    efforts ``J^T f`` of the planned forces. The system has no state; it plans when an output is
-    used, once for each estimate, for some seconds.
+    efforts ``J^T f`` of the planned forces. The system plans when an output is used, once for each
+    estimate, for some seconds.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class GraspPlanner(LeafSystem):
     X_WE
         Pose of the estimate's frame E in the world; None for the identity.
     table
-        Height in E of the plane that the object is on [m]; None for none.
+        Height in E of the plane that the object is on [m].
     prior
         Mass and friction of the object; None for 0.2 kg and 0.8.
     count
@@ -56,12 +56,11 @@ class GraspPlanner(LeafSystem):
     candidates
         Largest number of sampled contact sets.
     station
-        The arm, as a `Station` with its base in E, in whose reach grasps have to be; None for none.
+        The arm, as a `Station` with its base in E, in whose reach grasps have to be.
     obstacles
-        What is around the object, an open or closed mesh in E [m], which the hand does not hit;
-        None for none.
+        Mesh in E of what the hand must not hit [m]; it may be open.
     meshcat
-        Draws the grasps when they are planned, the best one opaque; None for no drawing.
+        Draws the grasps when they are planned, the best one opaque.
     path
         Of the drawing.
 

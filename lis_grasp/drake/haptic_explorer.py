@@ -74,14 +74,13 @@ class HapticExplorer(LeafSystem):
         contacts, estimate -> HapticExplorer -> X_WG, joint_state, arm_state, listening, done,
                                                 exploration
 
-    It has the same step as `lis_grasp.exploration.explore`. ``contacts`` are those of a
-    `TouchSensor`, ``estimate`` is that of a `SurfaceEstimator` of the same contacts. ``X_WG`` is
-    the desired pose of the hand's base link, continuous in time. ``joint_state`` (2J,) has desired
-    positions and rates in the order of the hand's actuators, for
+    ``contacts`` are those of a `TouchSensor`, ``estimate`` is that of a `SurfaceEstimator` of the
+    same contacts. ``X_WG`` is the desired pose of the hand's base link, continuous in time.
+    ``joint_state`` (2J,) has desired positions and rates in the order of the hand's actuators, for
     ``plant.get_desired_state_input_port(hand.instance)``. ``listening`` is 1 on approach and probe;
     connect it to the sensor's ``enable``. ``done`` is 1 at the end, and ``exploration`` is the
-    `Exploration` so far. With a station there is also ``arm_state`` (2K,). Loops through the plant
-    are no algebraic loops. Contacts before the first probe are prior knowledge.
+    `Exploration` so far. With a station there is also ``arm_state`` (2K,). Contacts before the
+    first probe are prior knowledge.
 
     Parameters
     ----------
@@ -102,13 +101,13 @@ class HapticExplorer(LeafSystem):
     stop
         Rules that end the exploration early.
     noise
-        Noise of the sensor, as the policy's own estimate is given it; None for none.
+        The sensor's noise, which the policy's own estimate is given.
     seed
         Of all random draws.
     probe_speed
         Of a free hand on the probe's own motion [m/s].
     station
-        Arm, mount and table, the arm's base in the world. The arm begins at its home.
+        Arm, mount and table, the base in the world. The arm begins at its home.
     period
         Between two looks at the contacts [s].
 

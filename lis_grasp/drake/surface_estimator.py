@@ -87,13 +87,13 @@ class SurfaceEstimator(LeafSystem):
     estimator
         "blend", "gpis", "lis", "patch", a plug-in, or a function of contacts.
     noise
-        The sensor's noise, which the estimator is given; None for none.
+        The sensor's noise, which the estimator is given.
     table
-        Height in E of a table that closes the estimate from below [m]; None for none.
+        Height in E of a table that closes the estimate from below [m].
     free_space
         Whether the contacts' free space is removed from the estimate.
     meshcat
-        Draws contacts and estimate, whenever a contact is added; None for no drawing.
+        Draws contacts and estimate, whenever a contact is added.
     path
         Of the drawing.
     X_WE

@@ -132,7 +132,7 @@ class Exploration(Record):
     def replay(cls, outcomes: Sequence[ProbeOutcome], *, touches: int | None = None) -> Exploration:
         """Rebuild an exploration from its recorded outcomes, as if it had ended after `touches`.
 
-        Nothing is known of the probes after the one that made the last of these contacts.
+        The probes after the last of these contacts are left out.
         """
         contacts, clock, used = Contacts.empty(), 0.0, 0
         for outcome in outcomes:

@@ -37,8 +37,8 @@ def epsilon_quality(
 ) -> float:
     """Return the Ferrari-Canny quality: the radius of the largest ball of resisted wrenches.
 
-    The grasp wrench space is the convex hull of all primitive wrenches (the L1 metric). Epsilon is
-    the distance from the origin to its border, and 0 where the origin is not inside.
+    Epsilon is the distance from the origin to the border of the convex hull of all primitive
+    wrenches (the L1 metric), and 0 where the origin is not inside.
 
     Parameters
     ----------

@@ -31,15 +31,7 @@ def is_force_closure(
     Equivalent to: their wrenches span all six dimensions, and zero is a combination of them with
     strictly positive weights (Murray, Li and Sastry 1994, proposition 5.3).
 
-    Parameters
-    ----------
-    points, normals, friction, model, torsion, edges
-        The arguments of `epsilon_quality`.
-
-    Raises
-    ------
-    InvalidContactsError
-        If points and normals are not (C, 3) with C >= 1, or not finite.
+    Arguments and errors are those of `epsilon_quality`.
 
     Examples
     --------

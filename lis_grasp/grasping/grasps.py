@@ -34,7 +34,7 @@ class Grasp(Record):
     X_OH
         Shape (4, 4): pose of the palm frame H in the object frame O.
     joint_names, joint_positions, pregrasp_positions
-        J names; positions (J,) [rad or m] in contact, and opened with the palm at the same pose.
+        J names, and positions (J,) [rad or m] in contact and opened, for one palm pose.
     approach_O
         Shape (3,), unit, in O: direction of the hand's motion to X_OH.
     contact_points, contact_normals
@@ -142,7 +142,7 @@ class GraspSearch(Record, Sequence[Grasp]):
     grasps
         Accepted grasps, the best first.
     rejections
-        Number of rejected candidates by reason; `ForceClosureSampler.sample` names the reasons.
+        Number of rejected candidates by reason (`lis_grasp.pipeline.reasons.REJECTIONS`).
     candidates
         Number of all candidates.
 

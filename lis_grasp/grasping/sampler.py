@@ -48,10 +48,6 @@ _SAME_SIDE = 0.5
 class ForceClosureSampler:
     """Plans grasps in force closure that the hand can reach without collision.
 
-    Contact sets are drawn (`sample_contact_sets`), reached and checked for collisions
-    (`CandidateFilter`), scored (`GraspScorer`), and the best are refined. As last resorts fingers
-    come closer together, then rims are pinched from above and below.
-
     Parameters
     ----------
     hand
@@ -63,8 +59,7 @@ class ForceClosureSampler:
     station
         The `Station` of an arm, in whose reach grasps have to be; None for a free hand.
     obstacles
-        Mesh in O of what neither hand nor arm may hit [m], such as a shelf; None without any. It
-        may be open.
+        Mesh in O of what neither hand nor arm may hit [m], such as a shelf; it may be open.
     load
         Fields of a `LoadPrior`: ``friction``, ``mass``, ``friction_spread``, ``mass_spread``.
 
@@ -103,10 +98,7 @@ class ForceClosureSampler:
     ) -> GraspSearch:
         """Return up to `count` ranked grasps, and the reasons why other candidates were rejected.
 
-        Besides the reasons of `sample_contact_sets` and `CandidateFilter` there are
-        ``lower_than_fingertips``, before any is drawn: `least_pinched_height`;
-        ``no_flat_supported_surface``: the mesh has no usable point; ``no_force_closure``; and
-        ``outranked``: other grasps are better.
+        `lis_grasp.pipeline.reasons.REJECTIONS` has a sentence for each reason.
 
         Parameters
         ----------
@@ -116,7 +108,7 @@ class ForceClosureSampler:
         rng
             Seed or generator of all random numbers.
         support_height
-            Height of the plane that the object is on in O [m]; None where there is none.
+            Height in O of the plane that the object is on [m].
         count
             Grasps to return at the most.
 

@@ -37,8 +37,8 @@ _NEAR_TABLE = 0.002
 class Hand(RobotModel):
     """A robot hand, read by `Hand.load` from a URDF, SDF or MJCF and one YAML file.
 
-    Frames: O the frame in which poses are given (the object's, or any other), H the palm frame,
-    L a link frame. F fingers, J actuated joints, in the URDF's order.
+    Frames: O the frame of poses (the object's, or any other), H the palm frame, L a link frame. J
+    actuated joints, in the URDF's order.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ class Scene:
     contacts
         Contacts in O, in the order of the touches.
     bad_contacts
-        Rows of those that others contradict, to draw them in a colour of their own.
+        Rows of those that others contradict, which get a colour of their own.
     growth
         Earlier estimates, each with its number of contacts, which increases.
     touches
@@ -88,7 +88,7 @@ class Scene:
     motion
         The lift, in the frame O of the object at its start.
     station
-        The arm that carries the hand, in O; None for a hand that flies freely.
+        The arm that carries the hand, in O.
     support_height
         Height of the table in O [m]; None for the lowest point of the object.
     obstacles

@@ -45,8 +45,8 @@ class TouchSensor(LeafSystem):
     """Feels with every link of a hand, and remembers where it touched.
 
     A contact is the area-weighted centroid of a contact patch and its outward normal; a patch
-    across an edge counts as two. Hydroelastic contact is exact. Of point contact, the witness point
-    on the object counts, and a warning is given once.
+    across an edge counts as two. Of point contact, the witness point on the object counts, and a
+    warning is given once.
 
     Frames: W world; E that of the contacts, fixed in W, or to a body.
 
@@ -68,8 +68,7 @@ class TouchSensor(LeafSystem):
     feels
         Bodies or model instances whose contact counts; None for all that is not the hand.
     X_WE
-        The frame E of the contacts, in the world or, with `frame`, in the body's frame; None for
-        that frame itself.
+        The frame E in the world or, with `frame`, in the body's frame; None for the identity.
     frame
         A body with which E moves; None for the world.
     threshold
@@ -77,12 +76,12 @@ class TouchSensor(LeafSystem):
     spacing
         A touch that slides is recorded again after this distance [m]; None for once.
     noise
-        Model of the sensor's noise; None for an ideal sensor.
+        The sensor's noise; None for an ideal sensor.
     seed
-        Seed of the noise.
+        Of the noise.
     space
         The object's place and size in E, or the region that contains it. Balls of free space that
-        the hand sweeps there are recorded; None for none.
+        the hand sweeps there are recorded.
     period
         Time between samples [s]; None for the plant's time step, and inf for no record.
 
