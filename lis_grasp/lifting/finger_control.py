@@ -38,8 +38,6 @@ _STEP_WEIGHT = 3e-3
 # Plans of grip forces until one is within the efforts.
 _TRIES = 6
 _ROOM = 1e-6  # least distance between the bounds of a least-squares problem
-# Slip after which the watch reports again [m]: half the pitch of usual taxels.
-_SLIP_STEP = 0.001
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,8 +87,7 @@ class FingerControl:
         self._closing_time = max(longest / _CLOSING_SPEED, 0.1)
         middle = 0.5 * (self._start + self._goal)
         self._bulge = np.zeros_like(middle)  # of the path of postures half way, (J,)
-        self._slides = setup.slides_on_table
-        if self._slides:
+        if setup.slides_on_table:
             batch = GraspBatch.of_grasps([grasp], hand)
             radii = np.array([pad.radius for pad in hand.pads])[:, None]
             points = apply_pose(batch.X_OH, travel.mean(axis=0)) - radii * batch.normals
@@ -127,7 +124,7 @@ class FingerControl:
         """Close the fingers for `interval` [s]; return whether all have finished."""
         q = self._scene.joint_positions
         measured = self._contacts_by_finger()
-        on_table = self._contacts_by_finger("table") if self._slides else {}
+        on_table = self._contacts_by_finger("table") if self._setup.slides_on_table else {}
         blocked = {
             finger
             for finger, contacts in on_table.items()
@@ -297,41 +294,6 @@ class FingerControl:
 
     def _point(self, contact: _FingerContact) -> FloatArray:
         return apply_pose(self._scene.X_WL(contact.link), contact.point)
-
-
-class SlipWatch:
-    """Slip of an object over the pads of a hand, as tactile slip sensors measure it.
-
-    It is how far the object's surface has moved over the touching pads since the start.
-    """
-
-    def __init__(self, scene: LiftingScene, control: FingerControl) -> None:
-        self._scene, self._control = scene, control
-        self._start = self._points_in_object()
-        self._reported = 0.0
-
-    @property
-    def total(self) -> float:
-        """Largest slip of a pad since the start [m]."""
-        now = self._points_in_object()
-        moved = [np.linalg.norm(now[f] - self._start[f]) for f in now if f in self._start]
-        return float(max(moved, default=0.0))
-
-    def has_slipped(self) -> bool:
-        """Return whether the object has slipped by another millimetre since the last report."""
-        total = self.total
-        if total < self._reported + _SLIP_STEP:
-            return False
-        self._reported = total
-        return True
-
-    def _points_in_object(self) -> dict[str, FloatArray]:
-        """Return the contact point (3,) of each touching finger's link in the object's frame."""
-        X_WO = self._scene.X_WO
-        return {
-            finger: apply_inverse(X_WO, point)
-            for finger, point in self._control.pad_points().items()
-        }
 
 
 def _normals_by_finger(grasp: Grasp, hand: Hand) -> dict[str, FloatArray]:

@@ -1,4 +1,4 @@
-"""Protocols of a simulated scene of a lift, and of what carries the hand, for any simulator."""
+"""Protocols of a simulated scene of a lift and of what carries the hand; steps of any scene."""
 
 from __future__ import annotations
 
@@ -10,8 +10,16 @@ import numpy as np
 
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.lifting.outcome import Reason
+from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import WristPath, rest_at
+from lis_grasp.motion import Motion
 from lis_grasp.typing import FloatArray
+
+CONTROL_RATE = 100.0
+"""Rate of finger commands [Hz]; the wrist is commanded in each time step."""
+
+# Time since the phase's start [s] -> whether the phase is over.
+FingerCommand = Callable[[float], bool]
 
 Touched = Literal["object", "table"]
 """What a hand's contacts are with."""
@@ -156,3 +164,48 @@ class LiftingScene(Protocol):
 
     def X_WL(self, link: str) -> FloatArray:
         """Return the pose of a link, shape (4, 4)."""
+
+
+class Steps:
+    """The steps of one lift in a scene."""
+
+    def __init__(self, scene: LiftingScene, setup: LiftSetup) -> None:
+        self._scene, self._options = scene, setup.options
+        self._goal = np.asarray(setup.grasp.X_OH, dtype=np.float64)[:3, 3]
+        self._times: list[float] = []
+        self._poses: dict[str, list[FloatArray]] = {}
+        self._record()
+
+    @property
+    def displacement(self) -> FloatArray:
+        """Displacement of the palm, which has not turned, from the grasp, (6,)."""
+        return np.append(self._scene.X_WH[:3, 3] - self._goal, np.zeros(3))
+
+    def advance(
+        self, duration: float, path: WristPath, fingers: FingerCommand | None = None
+    ) -> None:
+        """Move the palm along a path; see `move`."""
+        self.move(self._scene.carrier.follow(path, duration), fingers)
+
+    def move(self, motion: CarrierMotion, fingers: FingerCommand | None = None) -> None:
+        """Step until the motion is over, or `fingers` returns that the phase is."""
+        step = self._options.time_step
+        command_every = max(1, round(1.0 / (CONTROL_RATE * step)))
+        record_every = max(1, round(1.0 / (self._options.frame_rate * step)))
+        for count in range(round(motion.duration / step)):
+            if fingers is not None and count % command_every == 0 and fingers(count * step):
+                break
+            motion.command((count + 1) * step)
+            self._scene.step()
+            if self._scene.steps % record_every == 0:
+                self._record()
+
+    def motion(self) -> Motion:
+        """Return the recorded motion so far."""
+        poses = {name: np.array(X) for name, X in self._poses.items()}
+        return Motion(np.array(self._times), poses)
+
+    def _record(self) -> None:
+        self._times.append(self._scene.time)
+        for name, X in self._scene.poses().items():
+            self._poses.setdefault(name, []).append(X)

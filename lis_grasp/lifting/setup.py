@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -48,7 +49,7 @@ class ArmLift:
     transit: JointTrajectory  #: from the arm's home to where the straight approach begins
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class LiftSetup:
     """A hand, its grasp, and the true, free object on a table.
 
@@ -92,7 +93,7 @@ class LiftSetup:
         X_OH = np.asarray(self.grasp.X_OH, dtype=np.float64)
         return np.asarray(X_OH @ inverse_pose(self.hand.X_LH))
 
-    @property
+    @cached_property
     def slides_on_table(self) -> bool:
         """Whether fingertips are planned so near to the table that they may slide on it."""
         grasp = self.grasp

@@ -14,8 +14,8 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface, save_surface
+from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LiftOutcome
-from lis_grasp.lifting.trial import AcceptGrasp
 from lis_grasp.pipeline.known import Known, Perception
 from lis_grasp.pipeline.progress import Progress
 from lis_grasp.pipeline.reasons import lesson_sentence

@@ -9,9 +9,9 @@ from functools import partial
 import trimesh
 
 from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.setup import LiftSetup, plan_arm_lift
-from lis_grasp.lifting.trial import AcceptGrasp
 from lis_grasp.pipeline.known import Known, require_record
 from lis_grasp.pipeline.scenario import Scenario, support_height
 from lis_grasp.pipeline.worker_pool import worker_pool

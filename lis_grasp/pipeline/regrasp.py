@@ -31,8 +31,8 @@ from lis_grasp.exploration.probe_motions import surface_probe
 from lis_grasp.geometry import inverse_pose, unit
 from lis_grasp.grasping.epsilon import robust_epsilon_on
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
+from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome
-from lis_grasp.lifting.trial import AcceptGrasp
 from lis_grasp.pipeline.lifting_stage import lift
 from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.stages import (

@@ -19,6 +19,7 @@ from pydrake.multibody.tree import (
 
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.geometry import make_pose, rotate
+from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.lifting.scene import FreeWrist, Touched
 from lis_grasp.lifting.setup import (
@@ -29,7 +30,7 @@ from lis_grasp.lifting.setup import (
     finger_gains,
     motor_inertias,
 )
-from lis_grasp.lifting.trial import AcceptGrasp, LiftTrial
+from lis_grasp.lifting.trial import LiftTrial
 from lis_grasp.motion import OBJECT
 from lis_grasp.shapes.solids import merge_flat_faces, split_large_faces
 from lis_grasp.simulation.drake._arm_carrier import ArmCarrier

@@ -10,6 +10,7 @@ import trimesh
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.geometry import apply_pose, make_pose, rotate, unit
 from lis_grasp.io.optional_packages import needed_package
+from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.lifting.scene import FreeWrist, HandContact, Touched
 from lis_grasp.lifting.setup import (
@@ -19,7 +20,7 @@ from lis_grasp.lifting.setup import (
     finger_gains,
     motor_inertias,
 )
-from lis_grasp.lifting.trial import AcceptGrasp, LiftTrial
+from lis_grasp.lifting.trial import LiftTrial
 from lis_grasp.motion import OBJECT
 from lis_grasp.simulation.mujoco._mjcf import HAND, TIME_STEP, WRIST_JOINTS, scene_mjcf
 from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces
