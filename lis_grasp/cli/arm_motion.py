@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from lis_grasp.arms.grasp_motion import GraspMotion, plan_grasp_motion
 from lis_grasp.arms.placement import best_bases
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.arms.trajectory import JointTrajectory
+from lis_grasp.arms.transit import GraspMotion, plan_grasp_motion
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
@@ -24,9 +24,9 @@ from lis_grasp.io.trajectory_files import write_joint_trajectory, write_trajecto
 from lis_grasp.lifting.wrist_path import minimum_jerk
 from lis_grasp.pipeline.file_stages import recorded_base
 from lis_grasp.pipeline.known import base_at, find_obstacles
-from lis_grasp.pipeline.reasons import rejection_sentence
 from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.summary import rejection_sentence
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import ARM_NAMES

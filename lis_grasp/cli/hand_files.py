@@ -70,7 +70,7 @@ def write_draft(options: argparse.Namespace) -> None:
 
 def write_page(options: argparse.Namespace) -> None:
     """Write the page of a hand."""
-    from lis_grasp.visualization.hand_page import hand_page
+    from lis_grasp.visualization.hand_layers import hand_page
 
     hand = Hand.load(options.hand)
     output = options.output or Path(f"{hand.name}.html")

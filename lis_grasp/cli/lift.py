@@ -8,7 +8,7 @@ from pathlib import Path
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, say
 from lis_grasp.pipeline.file_stages import lift_file
-from lis_grasp.pipeline.reasons import lift_sentence
+from lis_grasp.pipeline.summary import lift_sentence
 
 _OPTIONS = ("arm", "base", "mass", "friction", "simulator")
 

@@ -18,14 +18,12 @@ from lis_grasp.cli.progress import Stage, complain, say
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.exploration import Exploration, ProbeOutcome, TouchLog
-from lis_grasp.exploration.touch_log import read_log
-from lis_grasp.io.atomic_writing import write_json
-from lis_grasp.io.folder_lock import sole_writer
+from lis_grasp.io.atomic_writing import sole_writer, write_json
 from lis_grasp.io.request_lines import answer_lines, serve_socket
 from lis_grasp.pipeline.contact_sources import ContactSource, load_source, prior_contacts
 from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.next_touch import NextTouch, ObjectPlace, next_touch
-from lis_grasp.pipeline.results_folder import LOG, located, read_facts
+from lis_grasp.pipeline.results_folder import LOG, read_facts, read_touches
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.touch_service import TouchService
 from lis_grasp.robots.hand import Hand
@@ -165,8 +163,7 @@ def _read(
     if path is None:
         return Contacts.empty(), (), {}
     if path.suffix.lower() == ".jsonl":
-        recorded, outcomes = read_log(path)
-        recorded = located(recorded, path.parent)
+        recorded, outcomes = read_touches(path)
         return _cloud(recorded.get("cloud")), outcomes, recorded
     recorded = read_facts(path)
     return load_contacts(path, position_noise=position_noise), (), recorded

@@ -156,7 +156,7 @@ def say_search(search: GraspSearch) -> None:
             f" {fingers}"
         )
         return
-    from lis_grasp.pipeline.reasons import rejection_sentence
+    from lis_grasp.pipeline.summary import rejection_sentence
 
     say("no grasp found; rejected candidates by reason:")
     for reason, count in sorted(search.rejections.items(), key=lambda item: -item[1]):

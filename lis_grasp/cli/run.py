@@ -45,7 +45,6 @@ def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> 
     folders = [results_folder(c, output / n) for c, n in zip(configs, names, strict=True)]
     for config, folder in zip(configs, folders, strict=True):
         _run(config, folder, fresh=options.fresh)
-    say(f"next: python -m lis_grasp_studies.figures.run_index {output}: a page that shows all")
 
 
 def _run(config: pipeline.RunConfig, folder: Path, *, fresh: bool) -> None:

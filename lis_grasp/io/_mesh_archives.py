@@ -13,7 +13,7 @@ import numpy as np
 from defusedxml import DefusedXmlException, ElementTree
 
 from lis_grasp.geometry import apply_pose, make_pose
-from lis_grasp.io._polygons import triangulate
+from lis_grasp.io._mesh_text import triangulate
 from lis_grasp.io.limits import MOST_ELEMENTS, ReadError, reason_of, require_small_archive
 from lis_grasp.typing import FloatArray, IntArray
 

@@ -21,8 +21,7 @@ import trimesh
 from lis_grasp.exceptions import InvalidFileError, LisGraspWarning
 from lis_grasp.io._gltf import require_readable_gltf
 from lis_grasp.io._mesh_archives import plain_dae, read_3mf
-from lis_grasp.io._mesh_text import plain_obj, read_off, read_ply_polygons, read_stl
-from lis_grasp.io._polygons import as_triangles
+from lis_grasp.io._mesh_text import as_triangles, plain_obj, read_off, read_ply_polygons, read_stl
 from lis_grasp.io.content_kinds import named_by_content, require_kind
 from lis_grasp.io.limits import MEBIBYTE, ReadError, announced_rows, reading
 from lis_grasp.io.units import require_resolved

@@ -8,8 +8,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from lis_grasp.lifting.arm_use import ArmUse
-from lis_grasp.lifting.outcome import Reason
+from lis_grasp.lifting.outcome import ArmUse, Reason
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import WristPath, rest_at
 from lis_grasp.motion import Motion

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from lis_grasp.arms.grasp_motion import plan_transit
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.trajectory import JointTrajectory
+from lis_grasp.arms.transit import plan_transit
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError, require_positive
 from lis_grasp.geometry import inverse_pose
 from lis_grasp.grasping.grasps import Grasp

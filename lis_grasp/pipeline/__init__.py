@@ -15,13 +15,13 @@ from lis_grasp._moved import module_names
 from lis_grasp.pipeline.contact_sources import ContactSource
 from lis_grasp.pipeline.exploring import explore_object
 from lis_grasp.pipeline.file_stages import estimate_file, grasp_file, lift_file
-from lis_grasp.pipeline.following import Watched
 from lis_grasp.pipeline.known import Known, Perception
 from lis_grasp.pipeline.labels import label_file
 from lis_grasp.pipeline.lifting_stage import lift, lift_each
 from lis_grasp.pipeline.progress import SILENT, Progress
 from lis_grasp.pipeline.run import Run, run
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.run_scene import Watched
 from lis_grasp.pipeline.scenario import Scenario, Truth
 from lis_grasp.pipeline.stages import (
     estimate,

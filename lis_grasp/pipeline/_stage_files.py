@@ -18,12 +18,12 @@ from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.pipeline.known import Known, Perception
 from lis_grasp.pipeline.progress import Progress
-from lis_grasp.pipeline.reasons import lesson_sentence
 from lis_grasp.pipeline.regrasp import Lesson, Stages
 from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.stages import Stopwatch, estimate, plan
+from lis_grasp.pipeline.summary import lesson_sentence
 
 NOISE = ("position_noise", "normal_noise")
 """Facts of a sensor in the headers of surfaces."""

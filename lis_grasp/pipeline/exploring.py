@@ -17,9 +17,9 @@ from lis_grasp.exploration.loop import end
 from lis_grasp.exploration.policy import POLICY_NAMES
 from lis_grasp.grasping.hand_capacity import narrowest_width
 from lis_grasp.io import provenance
-from lis_grasp.io.folder_lock import sole_writer
+from lis_grasp.io.atomic_writing import sole_writer
 from lis_grasp.io.surface_files import remove_growth, save_growth
-from lis_grasp.lifting.arm_use import ArmUse
+from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.progress import SILENT, Progress, StageProgress

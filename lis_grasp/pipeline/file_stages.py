@@ -16,9 +16,8 @@ from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGr
 from lis_grasp.geometry import require_pose
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io import provenance
-from lis_grasp.io.atomic_writing import write_json
+from lis_grasp.io.atomic_writing import sole_writer, write_json
 from lis_grasp.io.contact_files import read_point_file
-from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.pipeline._stage_files import (
     NOISE,
@@ -30,14 +29,13 @@ from lis_grasp.pipeline._stage_files import (
 from lis_grasp.pipeline.contact_sources import ContactSource, join_sources
 from lis_grasp.pipeline.exploring import say_repairs, say_width
 from lis_grasp.pipeline.known import Known, Perception, station_facts
-from lis_grasp.pipeline.lifting_stage import lift_each, require_simulator
+from lis_grasp.pipeline.lifting_stage import lift_each, process_count, require_simulator
 from lis_grasp.pipeline.option import HEIGHT, at_least, checked_value
 from lis_grasp.pipeline.progress import SILENT, Progress
 from lis_grasp.pipeline.report_json import lift_facts
 from lis_grasp.pipeline.results_folder import LOG, read_facts, require_own, result_file
 from lis_grasp.pipeline.run_config import RunConfig, require_used
 from lis_grasp.pipeline.scenario import Scenario
-from lis_grasp.pipeline.worker_pool import process_count
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import load
 from lis_grasp.surfaces import load_contacts

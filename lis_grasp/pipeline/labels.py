@@ -16,15 +16,14 @@ from lis_grasp.exceptions import EstimationError
 from lis_grasp.grasping.export import save_grasp_table
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io import provenance
-from lis_grasp.io.folder_lock import sole_writer
+from lis_grasp.io.atomic_writing import sole_writer
 from lis_grasp.io.json_lines import append_lines, read_lines
 from lis_grasp.io.optional_packages import require_packages
 from lis_grasp.pipeline.file_stages import lifting_of
-from lis_grasp.pipeline.lifting_stage import lift
+from lis_grasp.pipeline.lifting_stage import lift, process_count, worker_pool
 from lis_grasp.pipeline.progress import SILENT, Progress
 from lis_grasp.pipeline.report_json import lift_facts
 from lis_grasp.pipeline.scenario import Scenario
-from lis_grasp.pipeline.worker_pool import process_count, worker_pool
 from lis_grasp.version import __version__
 
 LABELS = "labels.jsonl"

@@ -13,6 +13,8 @@ from typing import Annotated, Any, get_args, get_type_hints
 from pydantic import Field, create_model
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
+from lis_grasp.exploration import ProbeOutcome
+from lis_grasp.exploration.touch_log import read_log
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import read_lines
@@ -64,6 +66,12 @@ def read_facts(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
     facts = provenance.read(path, usual=usual)
     checked(RecordedFacts, facts, path, "header")
     return located(facts, path.parent)
+
+
+def read_touches(path: Path) -> tuple[dict[str, Any], tuple[ProbeOutcome, ...]]:
+    """Return the facts and the outcomes of a touch log, as `read_log`, `located`."""
+    facts, outcomes = read_log(path)
+    return located(facts, path.parent), outcomes
 
 
 def located(facts: dict[str, Any], folder: Path) -> dict[str, Any]:

@@ -1,14 +1,14 @@
-"""Summary lines of an exploration and of a run, in words, from the facts of their reports."""
+"""Reports in words: summary lines of explorations and runs, sentences for their reason codes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from math import degrees
+from types import MappingProxyType
 from typing import Any
 
 from lis_grasp.exceptions import counted
-from lis_grasp.lifting.arm_use import violations
-from lis_grasp.pipeline.reasons import lesson_sentence, lift_sentence, no_grasp_sentence
+from lis_grasp.lifting.outcome import violations
 from lis_grasp.pipeline.report_json import motion_line
 
 # Below this intersection over union the estimate is named as poor.
@@ -130,3 +130,126 @@ def _arm_line(report: Mapping[str, Any]) -> str:
                 f" {least['asked']:.1f} m/s^2, the rest by forces on the object"
             )
     return line
+
+
+LIFT_REASONS: Mapping[str, str] = MappingProxyType(
+    {
+        "held": "the object was lifted and held through the shake",
+        "no_grasp": "no grasp was found on the estimate",
+        "unstable": "the object does not rest on the table by itself: turn its mesh so that it"
+        " rests on a face",
+        "collision_on_approach": "the opened hand hit the object during the approach: the"
+        " estimate is too small there, so make more touches (`touches`), or try the next grasps"
+        " (`best` of the lift)",
+        "no_contact": "fewer than two fingers met the object: the estimate is too large there, so"
+        " make more touches (`touches`)",
+        "set_down": "the object slipped at the start of the lift, or was weighed as too heavy for"
+        " the grip, and the hand set it down: permit more attempts (`attempts`), or try a smaller"
+        " `mass`",
+        "aborted": "the tactile check rejected the grasp before the squeeze: permit more attempts"
+        " (`attempts`), or make more touches (`touches`)",
+        "ejected": "closing the fingers drove the object out of the hand: try the next grasps"
+        " (`best` of the lift), or make more touches (`touches`)",
+        "not_lifted": "the hand rose without the object: it slid out, or is too heavy for the"
+        " grip; try the next grasps (`best` of the lift), or a smaller `mass`",
+        "dropped": "the object was lifted and then lost: try the next grasps"
+        " (`best` of the lift), or a smaller `mass`",
+        "slipped": "the object is still in the hand, but moved too far in it: try the next grasps"
+        " (`best` of the lift), or a smaller `mass`",
+        "turned": "the object is still in the hand, but turned too far in it: try the next grasps"
+        " (`best` of the lift), or a smaller `mass`",
+        "no_arm_motion": "the arm has no collision-free path to the grasp: move its base (`base`)",
+        "out_of_arm_reach": "a joint of the arm reached its limit during the motion: move its base"
+        " (`base`)",
+        "torque_limit": "a joint of the arm was at its largest effort for 50 ms: move its base"
+        " nearer to the object (`base`), or try a smaller `mass`",
+        "arm_collision": "a link of the arm touched something: move its base (`base`)",
+        "diverged": "the simulation failed: try the next grasps (`best` of the lift)",
+    }
+)
+"""A sentence for every reason of `LiftOutcome`, and for ``no_grasp``."""
+
+REJECTIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "lower_than_fingertips": "the object is lower than this hand can pinch: its round"
+        " fingertips, on the table, would press on the upper edge from above; take a hand with"
+        " flat or thinner fingertips, or turn the object so that it is higher",
+        "steep": "all reachable surface faces up or down, so that no opposed pair is beside the"
+        " hand: the object is flat or low there, so turn its mesh to stand"
+        " higher",
+        "no_opposing_surface": "there is no surface opposite the thumb's contact that faces the"
+        " other way: the object tapers, or is open there",
+        "no_surface_for_a_finger": "opposite the thumb's contact, the surface is narrower than the"
+        " other fingers are apart: take a larger object, or bring these fingers closer together in"
+        " the pregrasps of the hand's YAML",
+        "no_flat_supported_surface": "no flat part of the surface is large and high enough for a"
+        " pad, and touched if it is an estimate: turn the object so that more of it is above the"
+        " table, or make more touches (`touches`) for an estimate",
+        "no_force_closure": "the contacts could not resist every force: raise `friction`, or make"
+        " more touches (`touches`)",
+        "out_of_reach": "a finger does not get to its contact: the object is too wide or too narrow"
+        " for this hand",
+        "pad_does_not_face_the_surface": "a fingertip would touch with its edge, not its pad",
+        "grasp_hits_object": "a link of the closed hand would be inside the object: check the pads"
+        " (lis-grasp hand view), and name concave links under convex_parts in the hand's YAML",
+        "grasp_hits_support": "a link of the closed hand would be inside the table: the object is"
+        " low for this hand",
+        "grasp_hits_obstacle": "a link of the closed hand would hit an obstacle (`obstacles`)",
+        "lift_hits_obstacle": "the hand would hit an obstacle in the straight lift (`obstacles`):"
+        " there must be 10 cm above the hand",
+        "grasp_hits_self": "two links of the closed hand would collide",
+        "approach_hits_object": "the opened hand would hit the object during the approach: the"
+        " object is wide for this hand's opening",
+        "approach_hits_support": "the opened hand would hit the table during the approach: the"
+        " object is low for this hand",
+        "approach_hits_obstacle": "the opened hand would hit an obstacle during the approach"
+        " (`obstacles`): there must be 12 cm behind the hand",
+        "approach_hits_self": "two links of the opened hand would collide",
+        "out_of_arm_reach": "the arm does not reach the pose of the hand: move its base, or turn"
+        " the hand on the flange (mount in the hand's YAML)",
+        "no_straight_arm_motion": "a joint limit of the arm ends the straight approach or lift:"
+        " move its base",
+        "no_collision_free_arm_path": "the arm finds no path from home to the approach: move its"
+        " base",
+        "arm_hits_object": "a link of the arm would hit the object",
+        "arm_hits_table": "a link of the arm, or of the hand that it carries, would hit the table:"
+        " put the arm's base higher",
+        "arm_hits_obstacle": "a link of the arm, or of the hand that it carries, would hit an"
+        " obstacle (`obstacles`)",
+        "arm_hits_self": "a link of the arm would hit another, or the hand",
+        "outranked": "other grasps were better",
+    }
+)
+"""A sentence for every reason of rejection in `GraspSearch.rejections`."""
+
+
+def lift_sentence(reason: str) -> str:
+    """Return what a lift's reason means and what to do; the code itself where it is unknown."""
+    return LIFT_REASONS.get(reason, reason)
+
+
+def lesson_sentence(lesson: Mapping[str, Any]) -> str:
+    """Return what a failed attempt taught, the fields of a `Lesson`."""
+    felt, touched, probes = lesson["felt"], lesson["touched"], lesson["probes"]
+    where = f"found {1e3 * lesson['moved']:.0f} mm away"
+    if lesson["lost"]:
+        where = f"not where it was: explored anew, {touched} contacts" if touched else "not found"
+    return f"{felt} contacts felt; {where}; {probes} probes, {touched} new contacts"
+
+
+def no_grasp_sentence(rejections: Mapping[str, int]) -> str:
+    """Return that no grasp was found, and the reason of most rejections, with advice."""
+    counts = {reason: count for reason, count in rejections.items() if count}
+    if not counts:
+        return f"{LIFT_REASONS['no_grasp']}: make more touches (`touches`)"
+    most = max(counts, key=lambda reason: counts[reason])
+    part = 100.0 * counts[most] / sum(counts.values())
+    return (
+        f"{LIFT_REASONS['no_grasp']}; of the rejected candidates, {part:.0f} % because"
+        f" {rejection_sentence(most)}"
+    )
+
+
+def rejection_sentence(reason: str) -> str:
+    """Return why a grasp candidate was rejected; the code itself where it is unknown."""
+    return REJECTIONS.get(reason, reason)

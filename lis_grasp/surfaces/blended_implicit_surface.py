@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.records import made_by, short_repr
-from lis_grasp.surfaces._cross_validation import agreement, log_errors, smoothstep
 from lis_grasp.surfaces._gaussian_process_regression import squared_distances
+from lis_grasp.surfaces.contact_places import agreement, log_errors, smoothstep
 from lis_grasp.surfaces.contact_preparation import prepare_contacts
 from lis_grasp.surfaces.gaussian_process_implicit_surface import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.records import made_by, short_repr
-from lis_grasp.surfaces._cross_validation import agreement, log_errors
+from lis_grasp.surfaces.contact_places import agreement, log_errors
 from lis_grasp.surfaces.contact_preparation import PreparedContacts, prepare_contacts
 from lis_grasp.surfaces.gaussian_process_implicit_surface import (
     MOST_FOR_SETTINGS,

@@ -14,8 +14,7 @@ import yaml
 
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
-from lis_grasp.io.atomic_writing import write_text
-from lis_grasp.io.folder_lock import sole_writer
+from lis_grasp.io.atomic_writing import sole_writer, write_text
 from lis_grasp.io.optional_packages import require_packages
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.io.atomic_writing import write_text
-from lis_grasp.io.folder_lock import sole_writer
+from lis_grasp.io.atomic_writing import sole_writer, write_text
 
 HELP = "reproduce every figure and table of the paper in one report.html"
 EXAMPLES = (("--quick", "the figures and tables with few seeds"),)

@@ -10,7 +10,7 @@ from typing import get_args
 
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
-from lis_grasp.io.folder_lock import sole_writer
+from lis_grasp.io.atomic_writing import sole_writer
 
 HELP = "compare estimates on even, random, clustered and noisy contacts of many objects"
 EXAMPLES = (("--quick --estimator my.module:Class", "your estimator beside ours"),)

@@ -11,10 +11,10 @@ from made_grasps import jaw_grasp
 from stations import positions_between, station_with
 
 from lis_grasp.arms.collision import StationChecker
-from lis_grasp.arms.grasp_motion import SPEED, plan_grasp_motion
 from lis_grasp.arms.placement import home_of
 from lis_grasp.arms.reach import LIFT
 from lis_grasp.arms.station import Station
+from lis_grasp.arms.transit import SPEED, plan_grasp_motion
 from lis_grasp.cli.main import main
 from lis_grasp.io.csv_tables import numbers, read_table
 from lis_grasp.io.trajectory_files import write_joint_trajectory, write_trajectory_csv

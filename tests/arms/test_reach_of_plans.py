@@ -14,7 +14,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.pipeline.reasons import REJECTIONS
+from lis_grasp.pipeline.summary import REJECTIONS
 from lis_grasp.probing.approach_planner import (
     FREE,
     INSIDE,

@@ -1,4 +1,4 @@
-"""Tests of `folder_lock`."""
+"""Tests of the lock of a folder."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.folder_lock import sole_writer
+from lis_grasp.io.atomic_writing import sole_writer
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from lis_grasp.io.folder_lock import sole_writer
+from lis_grasp.io.atomic_writing import sole_writer
 with sole_writer(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)

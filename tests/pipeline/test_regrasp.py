@@ -16,8 +16,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from lis_grasp import Contacts, Hand, shapes
 from lis_grasp.exploration.planar_motion import planar_pose
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
-from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome
 from lis_grasp.lifting.closing import AcceptGrasp
+from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome
 from lis_grasp.pipeline import RunConfig, Scenario, regrasp
 from lis_grasp.pipeline._stage_files import StoredStages
 from lis_grasp.pipeline.progress import SILENT

@@ -10,8 +10,13 @@ from lis_grasp import shapes
 from lis_grasp.grasping.hand_capacity import narrowest_width
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.lifting.outcome import Reason
-from lis_grasp.pipeline.reasons import LIFT_REASONS, REJECTIONS, lift_sentence
-from lis_grasp.pipeline.summary import exploration_lines, run_lines
+from lis_grasp.pipeline.summary import (
+    LIFT_REASONS,
+    REJECTIONS,
+    exploration_lines,
+    lift_sentence,
+    run_lines,
+)
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import opening_range
 

@@ -15,7 +15,7 @@ from plyfile import PlyData, PlyElement
 
 from lis_grasp import shapes
 from lis_grasp.exceptions import InvalidFileError, InvalidMeshError, InvalidOptionError
-from lis_grasp.io._polygons import triangulate
+from lis_grasp.io._mesh_text import triangulate
 from lis_grasp.robots.link_bodies import load_mesh
 from lis_grasp.typing import FloatArray
 

@@ -5,8 +5,14 @@ import pytest
 
 from lis_grasp.arms.check import gravity_efforts
 from lis_grasp.arms.station import Station, Table
-from lis_grasp.lifting.joint_path import PalmPath, joint_path_along, use_of_limits
-from lis_grasp.lifting.wrist_path import line, rest_at, shake_about
+from lis_grasp.lifting.wrist_path import (
+    PalmPath,
+    joint_path_along,
+    line,
+    rest_at,
+    shake_about,
+    use_of_limits,
+)
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.arm_plant import ArmDynamics

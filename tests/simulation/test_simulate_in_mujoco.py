@@ -16,8 +16,8 @@ from lis_grasp import pipeline
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.closing import AcceptGrasp
+from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.motion import OBJECT
 from lis_grasp.pipeline.lifting_stage import require_simulator
 from lis_grasp.robots.hand import Hand

@@ -10,7 +10,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.probe_motions import ARM_PROBE_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
-from lis_grasp.lifting.arm_use import ArmUse
+from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber

@@ -6,9 +6,9 @@ import trimesh
 from stations import station_with
 
 from lis_grasp.arms.trajectory import time_path
-from lis_grasp.lifting.arm_use import ArmUse, violations
+from lis_grasp.lifting.outcome import ArmUse, violations
 from lis_grasp.lifting.scene import ArmStoppedError
-from lis_grasp.simulation.drake._transit_scene import TransitScene
+from lis_grasp.simulation.drake.dynamic_prober import TransitScene
 
 STATION = station_with("wsg50")
 ARM, HAND = STATION.arm, STATION.hand

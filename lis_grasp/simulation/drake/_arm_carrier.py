@@ -11,11 +11,16 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 
 from lis_grasp.arms.trajectory import JointTrajectory
 from lis_grasp.geometry import cross
-from lis_grasp.lifting.arm_use import ArmShake, ArmUse
-from lis_grasp.lifting.joint_path import PalmPath, joint_path_along, use_of_limits
+from lis_grasp.lifting.outcome import ArmShake, ArmUse
 from lis_grasp.lifting.scene import ArmStoppedError, Carrier, CarrierMotion
 from lis_grasp.lifting.setup import LiftSetup
-from lis_grasp.lifting.wrist_path import WristPath, minimum_jerk
+from lis_grasp.lifting.wrist_path import (
+    PalmPath,
+    WristPath,
+    joint_path_along,
+    minimum_jerk,
+    use_of_limits,
+)
 from lis_grasp.motion import arm_body
 from lis_grasp.simulation.drake._plant_scene import PlantScene
 from lis_grasp.simulation.drake.arm_plant import ArmWatch, add_arm

@@ -15,9 +15,9 @@ from pydrake.multibody.tree import (
 
 from lis_grasp.arms.station import Station
 from lis_grasp.geometry import inverse_pose, make_pose
-from lis_grasp.lifting.arm_use import ArmUse
-from lis_grasp.lifting.joint_path import joint_rates, posture_near
+from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.lifting.scene import ArmStoppedError
+from lis_grasp.lifting.wrist_path import joint_rates, posture_near
 from lis_grasp.probing.approach_planner import rotation_to_x
 from lis_grasp.simulation.drake._plant_scene import PlantScene
 from lis_grasp.simulation.drake.arm_plant import ArmWatch, add_arm
