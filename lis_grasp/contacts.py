@@ -266,10 +266,7 @@ class Contacts(Record):
     def save(self, path: Path | str, *, header: str = "") -> None:
         """Write contacts to a .ply or .csv file; a PLY keeps `header` as comment lines.
 
-        Raises
-        ------
-        InvalidFileError
-            If the path has another ending or cannot be written to.
+        Raises `InvalidFileError` if the path has another ending or cannot be written to.
         """
         fields = {name: value for name, value in fields_of(self).items() if name != "judged"}
         write_contact_file(fields, Path(path), header=header)

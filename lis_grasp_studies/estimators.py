@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial, wraps
 from itertools import product
@@ -14,7 +13,6 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.plugins import Registry
 from lis_grasp.surfaces import (
     BlendedImplicitSurface,
@@ -28,7 +26,6 @@ from lis_grasp.surfaces.estimators import find_estimator
 from lis_grasp_studies.baselines import (
     BASELINES,
     HermiteRBFSurface,
-    MeshLabSurface,
     OffsetSurface,
     PrimitiveCSGSurface,
 )
@@ -107,8 +104,7 @@ OURS: Mapping[str, Maker] = {
 COMPARED = Registry(
     "estimator", {**OURS, **{name: _unaware_of_noise(make) for name, make in BASELINES.items()}}
 )
-"""Every estimator with its defaults; some baselines need packages of their own, and none is given
-the noise."""
+"""Every estimator with its defaults; no baseline is given the noise."""
 
 
 def _gpis(contacts: Contacts, *, length: float | None, **options: Any) -> ImplicitSurface:
@@ -162,14 +158,9 @@ COMPETITORS: Mapping[str, Competitor] = MappingProxyType(
             _combined(tolerance=(0.005, 0.01, 0.02), angle=(0.03, 0.06, 0.1, 0.2)),
             {"tolerance": 0.02, "angle": 0.1},
         ),
-        "poisson": Competitor(
-            _unaware_of_noise(MeshLabSurface.poisson),
-            _combined(depth=(3, 4, 5), pointweight=(1.0, 10.0)),
-            {"depth": 4, "pointweight": 10.0},
-        ),
     }
 )
-"""Competitors of the study of surfaces by name; `poisson` needs pymeshlab."""
+"""Competitors of the study of surfaces by name."""
 
 TUNED = Registry(
     "estimator", {**OURS, **{n: partial(c.make, **c.chosen) for n, c in COMPETITORS.items()}}
@@ -188,15 +179,3 @@ def compared_estimator(name: str, registry: Registry = COMPARED) -> NoisyEstimat
     Errors as of `find_estimator`.
     """
     return given_noise(find_estimator(name, registry=registry))
-
-
-def require_installed(names: Iterable[str], registry: Registry = COMPARED) -> None:
-    """Raise `InvalidOptionError` if a package of an estimator is missing: every row would fail.
-
-    The estimators of this package need no package of their own.
-    """
-    axes = np.vstack([np.eye(3), -np.eye(3)])
-    for name in names:
-        if name not in OURS:
-            with suppress(EstimationError, InvalidContactsError):
-                compared_estimator(name, registry)(Contacts(0.03 * axes, axes), Noise())

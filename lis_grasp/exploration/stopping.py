@@ -47,10 +47,7 @@ def stop_when_covered(fraction: float, space: Workspace | Region) -> StopRule:
 
     What a table makes untouchable does not count, here and in `stop_when_certain`.
 
-    Raises
-    ------
-    InvalidOptionError
-        If the fraction is out of range.
+    Raises `InvalidOptionError` if the fraction is out of range.
     """
     if not 0.0 < fraction <= 1.0:
         raise InvalidOptionError.out_of_range("coverage", fraction, "above 0 and at most 1")
@@ -73,10 +70,7 @@ def stop_when_covered(fraction: float, space: Workspace | Region) -> StopRule:
 def stop_when_certain(deviation: float, space: Workspace | Region) -> StopRule:
     """Stop when 95 % of the estimate has at most a standard deviation along its normal [m].
 
-    Raises
-    ------
-    InvalidOptionError
-        If the deviation is not positive.
+    Raises `InvalidOptionError` if the deviation is not positive.
     """
     require_positive(uncertainty=deviation)
 
@@ -103,10 +97,7 @@ def stop_when_graspable(
     for every second contact. Two predictions in succession must reach the probability, because the
     uncertainty of an estimate from few contacts is often too small.
 
-    Raises
-    ------
-    InvalidOptionError
-        If the probability is out of range.
+    Raises `InvalidOptionError` if the probability is out of range.
     """
     if not 0.0 < probability < 1.0:
         raise InvalidOptionError.out_of_range("success", probability, "above 0 and below 1")
@@ -154,10 +145,7 @@ def _touchable_samples(space: Workspace, surface: ImplicitSurface) -> tuple[Floa
 def stop_after(seconds: float) -> StopRule:
     """Stop when the probes have taken a time of the robot [s].
 
-    Raises
-    ------
-    InvalidOptionError
-        If the time is not positive.
+    Raises `InvalidOptionError` if the time is not positive.
     """
     require_positive(max_seconds=seconds)
 

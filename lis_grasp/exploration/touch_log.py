@@ -46,10 +46,7 @@ class TouchLog:
     def read(self) -> Recording:
         """Return the content of the file; it stays as it is.
 
-        Raises
-        ------
-        InvalidFileError
-            If the file exists and is no touch log.
+        Raises `InvalidFileError` if the file exists and is no touch log.
         """
         header, rows = read_lines(self.path)
         if header and "touch_log" not in header:
@@ -88,10 +85,7 @@ def load_outcomes(path: Path) -> tuple[ProbeOutcome, ...]:
 def read_log(path: Path) -> tuple[Row, tuple[ProbeOutcome, ...]]:
     """Read the header of a log, and every outcome, ended or not.
 
-    Raises
-    ------
-    InvalidFileError
-        If the file is missing or no touch log.
+    Raises `InvalidFileError` if the file is missing or no touch log.
     """
     header, rows = read_lines(path)
     if "touch_log" not in header:

@@ -175,10 +175,7 @@ class GraspSearch(Record, Sequence[Grasp]):
     def best(self) -> Grasp:
         """The best grasp.
 
-        Raises
-        ------
-        NoGraspError
-            If there is none; the message counts the reasons of rejection.
+        Raises `NoGraspError` if there is none; the message counts the reasons of rejection.
         """
         if not self.grasps:
             reasons = sorted(self.rejections.items(), key=lambda item: -item[1])
@@ -190,10 +187,7 @@ class GraspSearch(Record, Sequence[Grasp]):
     def load(cls, path: Path | str) -> GraspSearch:
         """Read a grasps.json file.
 
-        Raises
-        ------
-        InvalidFileError
-            If the file is missing, is no JSON, or lacks a field.
+        Raises `InvalidFileError` if the file is missing, is no JSON, or lacks a field.
         """
         return cls(**read_grasp_file(Path(path), Grasp))
 

@@ -90,10 +90,8 @@ def contacts_from_log(
     Poses are interpolated at the times of the forces. A force whose frame the log does not know is
     taken to turn with the tip.
 
-    Raises
-    ------
-    InvalidInputError
-        If a topic is missing, ambiguous or unrelated to the others, or there is no touch.
+    Raises `InvalidInputError` if a topic is missing, ambiguous or unrelated to the others, or there
+    is no touch.
     """
     touches = [_touches(log, finger, frames, detection) for finger in fingers]
     if not any(len(touch.times) for touch in touches):

@@ -86,10 +86,8 @@ class TactilePatches:
     def load(cls, path: Path | str) -> TactilePatches:
         """Read an .npz file of the arrays ``heights``, ``poses`` and ``pitch``.
 
-        Raises
-        ------
-        InvalidFileError
-            If the file is missing or damaged, lacks an array, or has implausible ones.
+        Raises `InvalidFileError` if the file is missing or damaged, lacks an array, or has
+        implausible ones.
         """
         try:
             return cls(*read_arrays(Path(path), ("heights", "poses", "pitch")))

@@ -63,10 +63,7 @@ class Run:
     def load(cls, folder: Path | str) -> Run:
         """Return the results in a folder, of a run or of single stages.
 
-        Raises
-        ------
-        InvalidFileError
-            If the folder has no results, or a file is damaged.
+        Raises `InvalidFileError` if the folder has no results, or a file is damaged.
         """
         folder = Path(str(folder))
         files = {path.name: path for path in folder.glob("*.*")}

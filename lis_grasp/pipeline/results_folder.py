@@ -58,10 +58,7 @@ RecordedFacts = create_model(  # type: ignore[call-overload]
 def read_facts(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
     """Return the facts in the header of an output file, as `provenance.read`, `located`.
 
-    Raises
-    ------
-    InvalidFileError
-        If the file cannot be read, or a fact is not of its type.
+    Raises `InvalidFileError` if the file cannot be read, or a fact is not of its type.
     """
     facts = provenance.read(path, usual=usual)
     checked(RecordedFacts, facts, path, "header")

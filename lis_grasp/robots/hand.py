@@ -102,10 +102,8 @@ class Hand(RobotModel):
     def load(cls, path_or_name: str | Path) -> Hand:
         """Read a hand: one of `HAND_NAMES` or of an installed package, or a YAML file by its path.
 
-        Raises
-        ------
-        InvalidHandError
-            If there is no such hand, or its YAML or URDF is incomplete or contradicts itself.
+        Raises `InvalidHandError` if there is no such hand, or its YAML or URDF is incomplete or
+        contradicts itself.
         """
         return cls(**read_hand_file(path_or_name))
 

@@ -75,10 +75,7 @@ def draw_pose(shape: Shape, pose: str, region: Sequence[float], *, rng: Seed = 0
 def placed(shape: Shape, X_WO: npt.ArrayLike) -> Shape:
     """Return an object at a pose (4, 4): its mesh and edges are in W.
 
-    Raises
-    ------
-    InvalidOptionError
-        If the pose is not a rigid transform.
+    Raises `InvalidOptionError` if the pose is not a rigid transform.
     """
     pose = require_pose("X_WO", X_WO)
     mesh = trimesh.Trimesh(apply_pose(pose, shape.mesh.vertices), shape.mesh.faces, process=False)

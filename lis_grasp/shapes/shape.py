@@ -84,10 +84,7 @@ class Shape:
         The frame O is that of the mesh. Its repairs are those of a file (`shapes.load`) and are
         listed in `repairs`; the given mesh stays as it is.
 
-        Raises
-        ------
-        InvalidMeshError
-            If it is no mesh, encloses no volume, or could not be closed.
+        Raises `InvalidMeshError` if it is no mesh, encloses no volume, or could not be closed.
         """
         if not isinstance(mesh, trimesh.Trimesh):
             raise InvalidMeshError(f"an object is of a mesh, then its name; {shown(mesh)} is none")

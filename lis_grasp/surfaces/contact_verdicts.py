@@ -77,10 +77,8 @@ class ContactVerdicts:
     def credible(self) -> Contacts:
         """The contacts to estimate from: flipped normals turned, wrong ones and strays left out.
 
-        Raises
-        ------
-        TooManyBadContactsError
-            If more than a quarter of the contacts is bad: what is true is then unknown.
+        Raises `TooManyBadContactsError` if more than a quarter of the contacts is bad: what is true
+        is then unknown.
         """
         return repaired(self.contacts, self.codes)
 

@@ -37,10 +37,8 @@ class ImplicitSurface(Protocol):
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return f at points of shape (..., 3) [m], shape (...): negative inside, 0 on the surface.
 
-        Raises
-        ------
-        InvalidOptionError
-            If the last axis is not of length 3 or a coordinate is not finite.
+        Raises `InvalidOptionError` if the last axis is not of length 3 or a coordinate is not
+        finite.
         """
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:

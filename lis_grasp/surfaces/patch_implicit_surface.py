@@ -86,10 +86,8 @@ class PatchImplicitSurface(BlockwiseSurface):
 
         Arguments and errors are those of `prepare_contacts`.
 
-        Raises
-        ------
-        EstimationError
-            If contacts contradict each other so much that they have hardly a patch in common.
+        Raises `EstimationError` if contacts contradict each other so much that they have hardly a
+        patch in common.
         """
         prepared = prepare_contacts(contacts, position_noise, normal_noise)
         points, normals = prepared.contacts.points, prepared.contacts.normals

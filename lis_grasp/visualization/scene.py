@@ -167,10 +167,7 @@ class Scene:
     def save(self, path: Path | str) -> None:
         """Write the scene as one HTML file that opens offline.
 
-        Raises
-        ------
-        InvalidFileError
-            If the file cannot be written.
+        Raises `InvalidFileError` if the file cannot be written.
         """
         write_text(Path(path), self.html())
 

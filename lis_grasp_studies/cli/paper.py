@@ -38,8 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         metavar="NAME",
         help=f"estimators to compare (default: {', '.join(names)}; also"
-        f" {', '.join(name for name in BASELINES if name not in names)}, most of"
-        " which need lis-grasp[baselines])",
+        f" {', '.join(name for name in BASELINES if name not in names)})",
     )
     add_figures(parser)
     opt.add_jobs(parser)
@@ -97,13 +96,12 @@ def execute(options: argparse.Namespace) -> None:
 def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
     from lis_grasp.pipeline.run_config import RunConfig
     from lis_grasp.surfaces.estimators import find_estimator
-    from lis_grasp_studies.estimators import COMPARED, require_installed
+    from lis_grasp_studies.estimators import COMPARED
 
     default = _QUICK_ESTIMATORS if options.quick else _default_estimators()
     names = tuple(options.estimators or default)
     for name in names:
         find_estimator(name, registry=COMPARED, option="--estimators")
-    require_installed(names)
     for needed in ("lis", "gpis", RunConfig().estimator):
         if needed not in names:
             raise InvalidOptionError(

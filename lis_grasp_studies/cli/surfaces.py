@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import shlex
-from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args
 
@@ -19,7 +18,7 @@ _OUTPUT = Path("results/surfaces")
 _PART, _QUICK_PART = 4, 30
 _REFERENCE = "gpis_best"
 _QUICK = (_REFERENCE,)
-_ESTIMATORS = (_REFERENCE, "hermite_rbf", "thin_plate", "ransac_csg", "poisson")
+_ESTIMATORS = (_REFERENCE, "hermite_rbf", "thin_plate", "ransac_csg")
 _SETS = ("evaluation", "development")
 
 
@@ -55,8 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         metavar="NAME",
         help=f"all estimators to compare (default: {RunConfig().estimator} and"
-        f" {', '.join(_ESTIMATORS)}; poisson needs lis-grasp[baselines]); --estimator keeps these"
-        " and adds one",
+        f" {', '.join(_ESTIMATORS)}); --estimator keeps these and adds one",
     )
     add_estimator(parser)
     parser.add_argument(
@@ -127,20 +125,17 @@ def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
     from lis_grasp.pipeline.run_config import RunConfig
     from lis_grasp.surfaces.estimators import find_estimator
     from lis_grasp_studies.contact_study.score import Box
-    from lis_grasp_studies.estimators import TUNED, require_installed
+    from lis_grasp_studies.estimators import TUNED
 
     if options.box not in get_args(Box):
         raise InvalidOptionError.not_one_of("--box", options.box, get_args(Box))
     names = tuple(options.estimators or ())
     if not names:
         rivals = _QUICK if options.quick else _ESTIMATORS
-        has_meshlab = find_spec("pymeshlab") is not None
-        names = tuple(n for n in rivals if n != "poisson" or has_meshlab)
-        names = (RunConfig().estimator, *names)
+        names = (RunConfig().estimator, *rivals)
     names = (*(name for name in options.estimator or () if name not in names), *names)
     for name in (*names, options.subject or names[0], options.reference):
         find_estimator(name, registry=TUNED, option="--estimators")
-    require_installed(names, TUNED)
     for needed in (options.subject or names[0], options.reference):
         if needed not in names:
             raise InvalidOptionError(

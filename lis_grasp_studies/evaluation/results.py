@@ -45,10 +45,7 @@ class EvaluationResults:
     def read(self, *, any_version: bool = False) -> list[Row]:
         """Return all rows, of the file that grows, or else of the Parquet files.
 
-        Raises
-        ------
-        InvalidFileError
-            If a file cannot be read, or is of another version.
+        Raises `InvalidFileError` if a file cannot be read, or is of another version.
         """
         if self.lines.path.is_file():
             rows = self.lines.read(any_version=any_version)

@@ -33,10 +33,6 @@ ESTIMATORS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "blend": ("#009e73", "blend"),
         "hermite_rbf": ("#7a7a7a", "Hermite RBF"),
         "offset_rbf": ("#b5b5b5", "offset RBF"),
-        "offset_gp": (QUIET, "offset GP"),
-        "poisson": (QUIET, "screened Poisson"),
-        "rimls": (QUIET, "RIMLS"),
-        "apss": (QUIET, "APSS"),
         "truth": ("#262626", "the true mesh"),
     }
 )

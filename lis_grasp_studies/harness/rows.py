@@ -35,10 +35,8 @@ class TrialResults:
     def read(self, *, any_version: bool = False) -> list[Row]:
         """Return the rows so far, by default of this version of the package only.
 
-        Raises
-        ------
-        InvalidFileError
-            If the file is of another kind or version, or not a file of results.
+        Raises `InvalidFileError` if the file is of another kind or version, or not a file of
+        results.
         """
         header, rows = read_lines(self.path)
         wanted = self._header()
@@ -54,10 +52,8 @@ class TrialResults:
     def append(self, rows: Sequence[Row]) -> None:
         """Add rows; they are on the disk when this returns.
 
-        Raises
-        ------
-        InvalidFileError
-            If the file cannot be written, or a worker of another version made a row.
+        Raises `InvalidFileError` if the file cannot be written, or a worker of another version made
+        a row.
         """
         for row in rows:
             made_by = row.get("version", version.__version__)

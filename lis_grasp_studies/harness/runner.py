@@ -41,10 +41,7 @@ class Scheduler(Protocol):
 
         Jobs are taken when there is a process for them, so that results decide on later ones.
 
-        Raises
-        ------
-        EstimationError
-            If jobs could not be finished, after all others were.
+        Raises `EstimationError` if jobs could not be finished, after all others were.
         """
         ...
 

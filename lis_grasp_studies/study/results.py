@@ -101,10 +101,7 @@ class StudyResults:
     def read(self, *, any_version: bool = False) -> list[Row]:
         """Return all rows, ordered by key, by default of this version of the package only.
 
-        Raises
-        ------
-        InvalidFileError
-            If a file cannot be read, or is of another version.
+        Raises `InvalidFileError` if a file cannot be read, or is of another version.
         """
         merged = read_parquet(self.merged) if self.merged.is_file() else []
         for row in merged:
@@ -125,10 +122,7 @@ class StudyResults:
     def row(self, key: str) -> Row:
         """Return the row of a key, or of the beginning of one.
 
-        Raises
-        ------
-        InvalidOptionError
-            If there is none, or more than one.
+        Raises `InvalidOptionError` if there is none, or more than one.
         """
         found = [row for row in self.read() if row["key"].startswith(key)]
         if len(found) != 1:
@@ -159,10 +153,7 @@ class StudyResults:
 
         Rows may be of another version.
 
-        Raises
-        ------
-        InvalidFileError
-            If rows are of different files of one name.
+        Raises `InvalidFileError` if rows are of different files of one name.
         """
         order = {
             (*columns_of(trial).values(), name): number
@@ -209,10 +200,8 @@ def job_of(row: Row, files: Iterable[str] = ()) -> Job:
 
     `files` are paths of objects and hands: rows have only the names of the files.
 
-    Raises
-    ------
-    InvalidOptionError
-        If the file of the row's object or hand is not among them, or has changed.
+    Raises `InvalidOptionError` if the file of the row's object or hand is not among them, or has
+    changed.
     """
     places = {label(path): path for path in files}
     named = {name: row[name] for name in TRIAL_COLUMNS}

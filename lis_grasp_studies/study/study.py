@@ -18,7 +18,6 @@ from lis_grasp.shapes import FORMATS
 from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES, find_estimator
 from lis_grasp_studies.estimators import (
     COMPARED,
-    require_installed,
 )
 from lis_grasp_studies.study.trial import (
     OWN,
@@ -101,7 +100,6 @@ class Study(Setup):
         for estimator in self.estimators:
             if estimator != TRUTH:
                 find_estimator(estimator, registry=permitted, option="estimators")
-        require_installed(name for name in self.estimators if name != TRUTH)
         require_one_of("reference", self.reference, self.estimators)
         for level in self.noise:
             parse_noise(level)
@@ -121,10 +119,7 @@ class Study(Setup):
     def require_files(self) -> None:
         """Read all files of objects and hands, before any work.
 
-        Raises
-        ------
-        InvalidFileError, InvalidMeshError, InvalidHandError
-            If one cannot be used.
+        Raises `InvalidFileError`, `InvalidMeshError` or `InvalidHandError` if one cannot be used.
         """
         for hand in self.hands:
             Hand.load(hand)
@@ -152,10 +147,7 @@ class Study(Setup):
     def from_facts(cls, facts: Mapping[str, Any]) -> Study:
         """Return a study from plain values, such as those of a YAML file.
 
-        Raises
-        ------
-        InvalidOptionError
-            If a key is unknown or a value not permitted.
+        Raises `InvalidOptionError` if a key is unknown or a value not permitted.
         """
         permitted = [item.name for item in fields(cls)]
         for name in facts:
@@ -173,10 +165,7 @@ def load_study(path: Path, meshes: Path | None = None) -> dict[str, Any]:
 
     Relative paths in it start at its folder, those of mesh files at `meshes` if given.
 
-    Raises
-    ------
-    InvalidFileError
-        If it cannot be read, or is no mapping.
+    Raises `InvalidFileError` if it cannot be read, or is no mapping.
     """
     content = read_yaml(path)
     if not isinstance(content, dict):

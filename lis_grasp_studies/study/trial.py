@@ -86,10 +86,7 @@ def _known(names: Sequence[str], default: str) -> Any:
 class Setup:
     """Settings that all trials of a study have in common.
 
-    Raises
-    ------
-    InvalidOptionError
-        If a value is not permitted.
+    Raises `InvalidOptionError` if a value is not permitted.
     """
 
     prober: StrictStr = _one_of(PROBERS, "kinematic")

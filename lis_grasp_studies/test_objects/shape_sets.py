@@ -172,10 +172,7 @@ def family_of(name: str) -> Family:
 def build_shape(name: str) -> Shape:
     """Return a test object by its name, or the object in a mesh file by its path.
 
-    Raises
-    ------
-    InvalidOptionError
-        If there is neither such an object nor such a file.
+    Raises `InvalidOptionError` if there is neither such an object nor such a file.
     """
     if name in BUILT_IN_SIZES:
         return shapes.build(name, BUILT_IN_SIZES[name])
@@ -193,10 +190,7 @@ def build_shape(name: str) -> Shape:
 def scans_in(folder: Path) -> tuple[str, ...]:
     """Return the paths of the mesh files in a folder, sorted.
 
-    Raises
-    ------
-    InvalidFileError
-        If the folder has none.
+    Raises `InvalidFileError` if the folder has none.
     """
     found = sorted(str(p) for p in folder.glob("*") if p.suffix.lower() in shapes.FORMATS)
     if not found:

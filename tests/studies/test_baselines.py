@@ -2,33 +2,18 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from lis_grasp import shapes
-from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGraspError
+from lis_grasp.exceptions import InvalidContactsError, LisGraspError
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp_studies.baselines import BASELINES
 from lis_grasp_studies.paper.trials import walk_surface
 
-NEEDS = {"offset_gp": "sklearn", "poisson": "pymeshlab", "rimls": "pymeshlab", "apss": "pymeshlab"}
-ALWAYS = [name for name in BASELINES if name not in NEEDS]
-# Those of other packages take seconds each.
-every_baseline = pytest.mark.parametrize(
-    "name", [*ALWAYS, *(pytest.param(name, marks=pytest.mark.slow) for name in NEEDS)]
-)
-
-
-def make(name: str, contacts: Contacts) -> ImplicitSurface:
-    if name in NEEDS:
-        pytest.importorskip(NEEDS[name])
-    return BASELINES[name](contacts)
+every_baseline = pytest.mark.parametrize("name", BASELINES)
 
 
 @pytest.fixture(scope="module")
@@ -44,19 +29,16 @@ def ball() -> Contacts:
 
 @every_baseline
 def test_a_baseline_is_an_implicit_surface_of_a_ball(name: str, ball: Contacts) -> None:
-    surface = make(name, ball)
+    surface = BASELINES[name](ball)
     assert isinstance(surface, ImplicitSurface)
     directions = ball.normals[::7]
     assert surface.evaluate(np.zeros(3)) < 0.0
     assert (surface.evaluate(0.065 * directions) > 0.0).all()
-    # Between contacts 14 mm apart the sagitta is 0.5 mm. Means of planes (RIMLS) are outside by a
-    # few times that, for their wide kernel; Poisson and APSS round off.
-    tolerance = 5e-3 if name in NEEDS and name != "offset_gp" else 1e-3
     between = directions @ Rotation.from_euler("xyz", [0.1, 0.05, 0.02]).as_matrix().T
     radii = np.linspace(0.04, 0.06, 201)
     values = surface.evaluate(radii[:, None, None] * between)  # (R, D)
     found = radii[np.argmax(values > 0.0, axis=0)]
-    np.testing.assert_allclose(found, 0.05, atol=tolerance)
+    np.testing.assert_allclose(found, 0.05, atol=1e-3)  # between contacts the sagitta is 0.5 mm
     assert (surface.uncertainty(0.05 * between) >= 0.0).all()
     assert surface.gradient(np.zeros((2, 0, 3))).shape == (2, 0, 3)
 
@@ -69,7 +51,7 @@ def test_hermite_interpolates_values_and_gradients_exactly() -> None:
     np.testing.assert_allclose(surface.gradient(contacts.points), contacts.normals, atol=1e-7)
 
 
-@pytest.mark.parametrize("name", ALWAYS)
+@every_baseline
 def test_a_plane_is_reproduced(name: str) -> None:
     rng = np.random.default_rng(1)
     normal = np.array([0.6, 0.0, 0.8])
@@ -80,7 +62,7 @@ def test_a_plane_is_reproduced(name: str) -> None:
     np.testing.assert_allclose(surface.evaluate(queries), queries @ normal, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", ALWAYS)
+@every_baseline
 def test_moving_and_scaling_the_object_moves_and_scales_the_surface(
     name: str, ball: Contacts
 ) -> None:
@@ -109,8 +91,6 @@ def test_hermite_gradient_equals_differences(ball: Contacts) -> None:
 @every_baseline
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_few_contacts_give_finite_values_or_an_error(name: str, count: int, ball: Contacts) -> None:
-    if name in NEEDS:
-        pytest.importorskip(NEEDS[name])
     queries = np.random.default_rng(4).uniform(-0.07, 0.07, (50, 3))
     try:
         surface = BASELINES[name](ball.subset(slice(0, count)))
@@ -122,48 +102,12 @@ def test_few_contacts_give_finite_values_or_an_error(name: str, count: int, ball
 
 @every_baseline
 def test_repeated_contacts_count_once(name: str, ball: Contacts) -> None:
-    once, twice = make(name, ball), make(name, ball.append(ball.subset(slice(0, 9))))
+    once, twice = BASELINES[name](ball), BASELINES[name](ball.append(ball.subset(slice(0, 9))))
     queries = np.random.default_rng(5).uniform(-0.06, 0.06, (50, 3))
-    # Single precision within MeshLab; at the border of two vertices either may be the nearest.
-    tolerance = 2e-5 if NEEDS.get(name) == "pymeshlab" else 1e-7
-    np.testing.assert_allclose(twice.evaluate(queries), once.evaluate(queries), atol=tolerance)
+    np.testing.assert_allclose(twice.evaluate(queries), once.evaluate(queries), atol=1e-7)
 
 
 @every_baseline
 def test_no_contacts_are_refused(name: str) -> None:
-    if name in NEEDS:
-        pytest.importorskip(NEEDS[name])
     with pytest.raises(InvalidContactsError):
         BASELINES[name](Contacts.empty())
-
-
-@pytest.mark.parametrize("name", list(NEEDS))
-def test_a_missing_package_is_named(
-    name: str, ball: Contacts, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for module in [m for m in sys.modules if m.split(".")[0] == NEEDS[name]]:
-        monkeypatch.setitem(sys.modules, module, None)
-    monkeypatch.setitem(sys.modules, NEEDS[name], None)
-    with pytest.raises(InvalidOptionError, match=r"lis-grasp\[baselines\]"):
-        BASELINES[name](ball)
-
-
-@pytest.mark.parametrize(
-    "verb",
-    [
-        ["surfaces", "--families", "organic", "--part", "30", "--estimators", "gpis_best"],
-        ["paper", "--seeds", "1", "--estimators", "lis", "gpis", "blend"],
-        ["compare", "--objects", "box", "--estimators", "gpis"],
-    ],
-    ids=lambda verb: verb[0],
-)
-def test_a_missing_package_is_named_before_the_first_trial(
-    verb: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.setitem(sys.modules, "pymeshlab", None)
-    assert main([*verb, "poisson", "--output", str(tmp_path)]) == 2
-    assert "pymeshlab" in capsys.readouterr().err
-    assert not [path for path in tmp_path.iterdir() if path.suffix == ".jsonl"]

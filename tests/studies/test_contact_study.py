@@ -107,7 +107,7 @@ def test_the_chosen_settings_were_searched() -> None:
     assert all(one.chosen in one.searched for one in COMPETITORS.values())
 
 
-@pytest.mark.parametrize("name", [n for n in COMPETITORS if n != "poisson"])
+@pytest.mark.parametrize("name", COMPETITORS)
 def test_every_competitor_takes_contacts_with_and_without_noise(name: str) -> None:
     for given in (False, True):
         data = contact_set("sphere", ContactCase("even", 40, level=1, given=given))

@@ -108,7 +108,7 @@ def test_an_estimator_that_fails_leaves_its_reason(monkeypatch: pytest.MonkeyPat
         "lis_grasp_studies.paper.trials.compared_estimator",
         lambda name: compared_estimator(name) if name in OURS else nothing,
     )
-    first, second = run_trial(WEDGE[0], ["apss", "patch"])
+    first, second = run_trial(WEDGE[0], ["hermite_rbf", "patch"])
     assert "at least one contact" in first["failure"]
     assert "rmsd" not in first
     assert "failure" not in second

@@ -128,10 +128,7 @@ class DynamicProber:
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
         """Carry out one probe; see `Prober`.
 
-        Raises
-        ------
-        SimulationError
-            If Drake's solver fails.
+        Raises `SimulationError` if Drake's solver fails.
         """
         self._motion.place_object(self._X_EO)
         missed, course = self._motion.outcome(probe, obstacles)
