@@ -151,7 +151,7 @@ def test_spacing_is_the_median_distance_to_the_nearest_other_contact() -> None:
 
 
 @pytest.mark.parametrize(
-    "index", [[2, 0], [0, 0], slice(1, 3), np.array([True, False, True, False])]
+    "index", [[], [2, 0], [0, 0], slice(1, 3), np.array([True, False, True, False])]
 )
 def test_a_subset_keeps_rows_together(index: object) -> None:
     contacts = make_contacts(4)
@@ -162,10 +162,6 @@ def test_a_subset_keeps_rows_together(index: object) -> None:
     assert part.fingers == tuple(contacts.fingers[i] for i in chosen)
     np.testing.assert_array_equal(part.free_points, contacts.free_points)
     np.testing.assert_array_equal(part.free_radii, contacts.free_radii)
-
-
-def test_a_subset_of_no_rows_is_empty() -> None:
-    assert len(make_contacts(4).subset([])) == 0
 
 
 def test_appending_joins_rows_and_keeps_only_fields_that_both_have() -> None:
@@ -405,13 +401,6 @@ def test_invalid_contacts_in_a_file_are_refused_by_path_and_row(
         Contacts.load(path)
     assert (caught.value.field, caught.value.row) == ("normals", 0)
     assert str(path) in str(caught.value)
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_a_missing_file_is_refused_by_path(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InvalidFileError) as error:
-        Contacts.load(tmp_path / name)
-    assert error.value.path == tmp_path / name
 
 
 def test_a_missing_folder_is_made_if_possible(tmp_path: Path) -> None:

@@ -23,16 +23,6 @@ def _motion(count: int = 5, *, seed: int = 0) -> Motion:
     return Motion(np.linspace(0.0, 1.0, count), poses)
 
 
-def test_a_saved_motion_loads_unchanged(tmp_path: Path) -> None:
-    motion = _motion()
-    motion.save(tmp_path / "lift.npz", header="made by a test")
-    loaded = Motion.load(tmp_path / "lift.npz")
-    np.testing.assert_array_equal(loaded.times, motion.times)
-    assert list(loaded.poses) == list(motion.poses)
-    for name in motion.poses:
-        np.testing.assert_array_equal(loaded.poses[name], motion.poses[name])
-
-
 def test_equal_motions_write_equal_bytes(tmp_path: Path) -> None:
     _motion().save(tmp_path / "a.npz")
     _motion().save(tmp_path / "b.npz")

@@ -132,16 +132,11 @@ def test_points_in_place_of_a_mesh_are_referred_to_estimate(
         assert f"estimate {tmp_path / name}" in _misuse(capsys, "grasp", str(tmp_path / name))
 
 
-def test_an_unknown_object_lists_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
-    message = _misuse(capsys, "explore", "teapot")
-    assert "teapot" in message
-    assert "mallet" in message
-
-
-def test_an_unknown_hand_lists_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
-    message = _misuse(capsys, "explore", "box", "--hand", "claw")
-    assert "claw" in message
-    assert "allegro" in message
+def test_an_unknown_name_lists_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    for words, known in ((["teapot"], "mallet"), (["box", "--hand", "claw"], "allegro")):
+        message = _misuse(capsys, "explore", *words)
+        assert words[-1] in message
+        assert known in message
 
 
 @pytest.mark.parametrize(

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import html
 import json
-import os
-import signal
-import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -18,7 +14,7 @@ from lis_grasp import shapes
 from lis_grasp.cli.main import main
 from lis_grasp_studies.cli.compare import QUICK
 from lis_grasp_studies.study.columns import blank_row
-from lis_grasp_studies.study.results import StudyResults, without_times
+from lis_grasp_studies.study.results import StudyResults
 from lis_grasp_studies.study.study import Study, load_study
 
 pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
@@ -129,38 +125,3 @@ def test_one_estimator_is_added_and_a_list_replaces_those_of_the_study(tmp_path:
     ):
         assert main([*compared, *options]) == 0
         assert load_study(results / "study.yaml")["estimators"] == expected
-
-
-@pytest.mark.slow
-def test_a_killed_study_continues_to_the_same_results(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    command = [sys.executable, "-m", "lis_grasp.cli.main", "compare", *TINY, "--output"]
-    process = subprocess.Popen([*command, str(tmp_path / "killed")])
-    results = StudyResults(tmp_path / "killed")
-    while not results.read():
-        assert process.poll() is None
-        time.sleep(0.05)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    lines = tmp_path / "killed" / "rows.jsonl"
-    first = results.read()
-    assert 1 <= len(first) < 4
-
-    for folder in ("killed", "plain"):
-        assert main(["compare", *TINY, "--output", str(tmp_path / folder)]) == 0
-    # With their times: rows that were there were not made again.
-    assert all(row in results.read() for row in first)
-    assert len(lines.read_text().splitlines()) == 1 + 4
-    study = Study.from_facts(load_study(tmp_path / "plain" / "study.yaml"))
-    rows = [StudyResults(tmp_path / folder).of(study) for folder in ("killed", "plain")]
-    assert len(rows[0]) == 4
-    assert [without_times(r) for r in rows[0]] == [without_times(r) for r in rows[1]]
-    for name in ("comparisons.csv", "losses.csv", "reasons.tex", "report.html"):
-        same = [(tmp_path / folder / name).read_text() for folder in ("killed", "plain")]
-        assert same[0].replace("/killed", "/plain") == same[1]
-
-    capsys.readouterr()
-    key = rows[0][0]["key"]
-    assert main(["compare", "--rerun", key[:8], "--output", str(tmp_path / "killed")]) == 0
-    assert "equal to the recorded row" in capsys.readouterr().err

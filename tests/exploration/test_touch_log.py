@@ -243,12 +243,6 @@ def test_other_files_are_refused_and_kept(text: str, tmp_path: Path) -> None:
     assert path.read_text() == text
 
 
-def test_a_missing_log_is_refused() -> None:
-    with pytest.raises(InvalidFileError) as error:
-        load_outcomes(Path("nowhere.jsonl"))
-    assert error.value.path == Path("nowhere.jsonl")
-
-
 def test_noise_that_is_unknown_for_some_contacts_is_kept(tmp_path: Path) -> None:
     log = TouchLog(tmp_path / "touches.jsonl", FACTS)
     up = [0.0, 0.0, 1.0]

@@ -40,12 +40,6 @@ def test_files_of_other_programs_have_no_facts(tmp_path: Path) -> None:
     assert provenance.read(path) == {}
 
 
-def test_a_missing_file_is_refused_by_path(tmp_path: Path) -> None:
-    with pytest.raises(InvalidFileError) as error:
-        provenance.read(tmp_path / "absent.ply")
-    assert error.value.path == tmp_path / "absent.ply"
-
-
 def test_a_folder_is_refused_with_the_file_in_it_that_is_usual(tmp_path: Path) -> None:
     with pytest.raises(InvalidFileError) as error:
         provenance.read(tmp_path)

@@ -147,12 +147,6 @@ def test_a_file_without_a_surface_is_refused(content: str, reason: str, tmp_path
     assert error.value.path == path
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InvalidFileError) as error:
-        load_surface(tmp_path / "absent.ply")
-    assert error.value.path == tmp_path / "absent.ply"
-
-
 def test_another_ending_is_refused(mesh: trimesh.Trimesh, tmp_path: Path) -> None:
     with pytest.raises(InvalidFileError, match="end in"):
         save_surface(mesh, tmp_path / "surface.stl")

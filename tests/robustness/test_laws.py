@@ -167,8 +167,12 @@ def test_any_saved_motion_loads_unchanged(
     poses = np.tile(np.eye(4), (count, 1, 1))
     poses[:, :3, :3] = [Rotation.random(rng=rng).as_matrix() for _ in range(count)] or 0.0
     poses[:, :3, 3] = rng.standard_normal((count, 3))
-    motion = Motion(np.cumsum(rng.uniform(0.1, 1.0, count)), {"object": poses})
+    bodies = {"palm": poses[::-1], "object": poses}
+    motion = Motion(np.cumsum(rng.uniform(0.1, 1.0, count)), bodies)
     path = tmp_path_factory.mktemp("any") / "motion.npz"
-    motion.save(path)
-    np.testing.assert_array_equal(Motion.load(path).poses["object"], poses)
-    np.testing.assert_array_equal(Motion.load(path).times, motion.times)
+    motion.save(path, header="made by a test")
+    loaded = Motion.load(path)
+    np.testing.assert_array_equal(loaded.times, motion.times)
+    assert list(loaded.poses) == list(bodies)
+    for name, expected in bodies.items():
+        np.testing.assert_array_equal(loaded.poses[name], expected)

@@ -26,7 +26,9 @@ from lis_grasp.exceptions import (
 )
 from lis_grasp.exploration import Probe, ProbeOutcome, TouchLog, load_outcomes
 from lis_grasp.grasping.grasps import GraspSearch
+from lis_grasp.io import provenance
 from lis_grasp.io.provenance import parse
+from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import Motion
 from lis_grasp.pipeline.results import Run
 from lis_grasp.pipeline.run_scene import scene_of
@@ -34,6 +36,7 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.link_bodies import load_mesh
 from lis_grasp.shapes.loading import load_obstacles
 from lis_grasp.surfaces import ESTIMATORS, LocalImplicitSurface
+from lis_grasp.surfaces.contact_loading import load_contacts
 from lis_grasp_studies.study.study import load_study
 
 every_estimator = pytest.mark.parametrize("name", list(ESTIMATORS))
@@ -69,6 +72,21 @@ def test_the_limits_of_a_case_hold() -> None:
         np.linalg.det(np.eye(300))
     with pytest.raises(IndexError), refused_at_most():
         [][0]
+
+
+@pytest.mark.parametrize(
+    ("read", "name"),
+    [
+        *((Contacts.load, f"absent.{ending}") for ending in ("ply", "csv")),
+        *((load_contacts, f"absent.{ending}") for ending in ("off", "xyz", "csv")),
+        *((read, "absent.ply") for read in (load_surface, provenance.read, shapes.load)),
+        *((load_outcomes, "absent.jsonl"), (shapes.load, "absent.stl")),
+    ],
+)
+def test_a_missing_file_is_named(read: Callable[[Path], object], name: str, tmp_path: Path) -> None:
+    with pytest.raises(InvalidFileError) as error:
+        read(tmp_path / name)
+    assert error.value.path == tmp_path / name
 
 
 # Messages.

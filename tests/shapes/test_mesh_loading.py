@@ -477,11 +477,6 @@ def test_a_text_of_stl_that_is_cut_off_in_a_facet_is_refused(tmp_path: Path, las
         shapes.load(path)
 
 
-def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidFileError, match="missing"):
-        shapes.load(tmp_path / "absent.stl")
-
-
 def test_unknown_units_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidOptionError) as error:
         shapes.load(write(block(), tmp_path / "block.stl"), "feet")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,6 @@ from lis_grasp_studies.contact_study.draws import random_contacts
 from lis_grasp_studies.contact_study.surface_points import SurfacePoints
 from lis_grasp_studies.estimators import OURS, Noise, compared_estimator
 from lis_grasp_studies.harness.rows import Job, TrialResults
-from lis_grasp_studies.harness.runner import local_scheduler
 from lis_grasp_studies.harness.statistics import measure_table
 from lis_grasp_studies.paper.trials import (
     NOISE_LEVELS,
@@ -37,14 +35,6 @@ WEDGE = [PaperTrial("wedge", "0", 0), PaperTrial("wedge", "2", 0), PaperTrial("w
 
 def run_trial(trial: PaperTrial, estimators: list[str]) -> list[Row]:
     return PAPER.run(Job(trial, tuple(estimators)))
-
-
-def steps(results: TrialResults, estimators: list[str], jobs: int) -> Iterator[tuple[int, int]]:
-    return PAPER.run_missing(WEDGE, estimators, results, local_scheduler(jobs))
-
-
-def as_lines(path: Path) -> list[str]:
-    return sorted(path.read_text().splitlines())
 
 
 def test_contacts_of_the_wedge_lie_on_its_two_faces() -> None:
@@ -112,26 +102,6 @@ def test_an_estimator_that_fails_leaves_its_reason(monkeypatch: pytest.MonkeyPat
     assert "at least one contact" in first["failure"]
     assert "rmsd" not in first
     assert "failure" not in second
-
-
-@pytest.mark.slow
-def test_an_interrupted_run_continues_and_has_the_rows_of_an_undisturbed_one(
-    tmp_path: Path,
-) -> None:
-    names = ["lis", "patch"]
-    whole = TrialResults(tmp_path / "whole.jsonl", "paper")
-    assert list(steps(whole, names, 1))[-1] == (3, 3)
-
-    broken = TrialResults(tmp_path / "broken.jsonl", "paper")
-    for done, _ in steps(broken, names[:1], 1):
-        if done == 2:
-            break
-    with broken.path.open("a") as file:
-        file.write('{"experiment": "wed')  # killed while writing
-    assert len(broken.read()) == 2
-    assert list(steps(broken, names, 2))[-1] == (3, 3)
-    assert as_lines(broken.path) == as_lines(whole.path)
-    assert list(steps(broken, names, 2)) == [(3, 3)]
 
 
 def test_rows_come_back_as_they_were_written(tmp_path: Path) -> None:

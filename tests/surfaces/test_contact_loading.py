@@ -189,12 +189,6 @@ def test_what_is_missing_is_said(name: str, content: str, said: str, tmp_path: P
     assert main(["estimate", str(tmp_path / name)]) == 2
 
 
-def test_a_missing_file_is_said(tmp_path: Path) -> None:
-    for ending in ("off", "xyz", "csv"):
-        with pytest.raises(InvalidFileError, match="cannot read"):
-            load_contacts(tmp_path / f"none.{ending}")
-
-
 def test_lengths_of_every_unit_are_read(centers: FloatArray, tmp_path: Path) -> None:
     normals = centers / np.linalg.norm(centers, axis=1, keepdims=True)
     free = {"free_points": 2.0 * centers, "free_radii": np.full(24, 0.01)}
