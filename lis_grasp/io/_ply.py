@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import io
+import re
+import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +22,7 @@ _MOST_BYTES = 512 * MEBIBYTE
 
 # Lists that are read at once where all have this length; else row by row, which is slow.
 _TRIANGLES = {"face": {"vertex_indices": 3, "vertex_index": 3}}
+_TEXT, _COUNT = b"ply\nformat ascii", re.compile(rb"^(element .*) (\d+)$", re.MULTILINE)
 
 
 def read_ply(path: Path) -> PlyData:
@@ -29,6 +33,8 @@ def read_ply(path: Path) -> PlyData:
     """
     with reading(path, "PLY", most=_MOST_BYTES):
         announced_rows(path)
+        with suppress(plyfile.PlyParseError, ValueError, OverflowError, Warning):
+            return _read_columns(path)
         with suppress(plyfile.PlyParseError, ValueError, OverflowError):
             return PlyData.read(str(path), known_list_len=_TRIANGLES)
         try:
@@ -42,6 +48,27 @@ def read_ply(path: Path) -> PlyData:
             ) from None
         except plyfile.PlyHeaderParseError as error:
             raise ReadError(f"line {error.line} of its header is no PLY") from None
+
+
+def _read_columns(path: Path) -> PlyData:
+    """Read a text without lists at once; raise ValueError or a warning for every other file."""
+    with path.open("rb") as file:
+        if file.read(len(_TEXT)) != _TEXT:
+            raise ValueError
+        head, end, body = file.read().partition(b"\nend_header\n")
+    empty = _COUNT.sub(rb"\1 0", _TEXT + head)
+    data, counts = PlyData.read(io.BytesIO(empty + end)), _COUNT.findall(head)
+    lines = io.StringIO(body.decode("ascii"), newline=None)
+    for element, (_, digits) in zip(data.elements, counts, strict=True):
+        count = int(digits)
+        dtype = np.dtype(element.dtype())
+        rows = [line for line in islice(lines, count) if line.strip()]
+        if dtype.hasobject or len(rows) < count:
+            raise ValueError
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            element.data = np.loadtxt(rows, dtype, comments=None, ndmin=1)
+    return data
 
 
 def ply_element(name: str, columns: Mapping[str, npt.NDArray[Any]]) -> PlyElement:
