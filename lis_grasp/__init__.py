@@ -5,10 +5,9 @@ them needs Drake; what does is in `lis_grasp.simulation` and `lis_grasp.drake`.
 """
 
 import sys
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from lis_grasp._moved import ADVICE, MovedModules, new_place
+from lis_grasp._moved import ADVICE, MovedModules, module_names, new_place
 from lis_grasp.version import __version__
 
 if TYPE_CHECKING:
@@ -43,43 +42,36 @@ if TYPE_CHECKING:
     from lis_grasp.visualization import Scene as Scene
 
 _HOMES = {
-    name: home
-    for home, names in {
-        "lis_grasp.contacts": "Contacts",
-        "lis_grasp.evaluation.surface_error": "surface_error",
-        "lis_grasp.grasping.epsilon": "epsilon_quality",
-        "lis_grasp.grasping.force_closure": "is_force_closure",
-        "lis_grasp.grasping.grasps": "Grasp GraspSearch",
-        "lis_grasp.grasping.sampler": "ForceClosureSampler",
-        "lis_grasp.meshing": "extract_mesh",
-        "lis_grasp.pipeline": "Run RunConfig pipeline",
-        "lis_grasp.pipeline.direct": "explore lift plan run",
-        "lis_grasp.robots.hand": "Hand",
-        "lis_grasp.shapes": "Shape shapes",
-        "lis_grasp.surfaces": (
-            "BlendedImplicitSurface GaussianProcessImplicitSurface ImplicitSurface "
-            "LocalImplicitSurface PatchImplicitSurface SmoothImplicitSurface estimate "
-            "load_contacts"
-        ),
-        "lis_grasp.visualization": "Scene",
-    }.items()
-    for name in names.split()
+    "contacts": "Contacts",
+    "evaluation.surface_error": "surface_error",
+    "grasping.epsilon": "epsilon_quality",
+    "grasping.force_closure": "is_force_closure",
+    "grasping.grasps": "Grasp GraspSearch",
+    "grasping.sampler": "ForceClosureSampler",
+    "meshing": "extract_mesh",
+    "pipeline": "Run RunConfig",
+    "pipeline.direct": "explore lift plan run",
+    "robots.hand": "Hand",
+    "shapes": "Shape",
+    "surfaces": (
+        "BlendedImplicitSurface GaussianProcessImplicitSurface ImplicitSurface LocalImplicitSurface"
+        " PatchImplicitSurface SmoothImplicitSurface estimate load_contacts"
+    ),
+    "visualization": "Scene",
 }
 
 if MovedModules not in sys.meta_path:
     sys.meta_path.append(MovedModules)  # last: it is asked for what nobody else finds
 
-__all__ = [*_HOMES, "__version__"]
+__all__ = ["__version__", "pipeline", "shapes", *" ".join(_HOMES.values()).split()]
+_load, __dir__ = module_names(__name__, __all__, _HOMES)
 
 
 def __getattr__(name: str) -> Any:
     """Load a public name from its home on first use (PEP 562)."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'lis_grasp' has no attribute '{name}'{_advice(name)}")
-    home = import_module(_HOMES[name])
-    value = home if _HOMES[name] == f"lis_grasp.{name}" else getattr(home, name)
-    globals()[name] = value
-    return value
+    if name in __all__:
+        return _load(name)
+    raise AttributeError(f"module 'lis_grasp' has no attribute '{name}'{_advice(name)}")
 
 
 def _advice(name: str) -> str:
@@ -97,6 +89,3 @@ def _advice(name: str) -> str:
     if find_spec(f"lis_grasp.{name}") is not None:
         return f": write import lis_grasp.{name}"
     return nearest_of(name, __all__)
-
-
-__dir__ = sorted(__all__).copy  # dir() lists the public names

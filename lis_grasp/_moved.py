@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from types import ModuleType
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+from types import MappingProxyType, ModuleType
 from typing import Any
 
 _PLACES = {
@@ -98,11 +99,18 @@ def new_place(name: str) -> str | None:
 
 
 def module_names(
-    module: str, names: Sequence[str]
+    module: str, names: Sequence[str], homes: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return `__getattr__` and `__dir__` of a package, which say where a name of 1.4 is now."""
+    """Return `__getattr__` and `__dir__` of a package, which say where a name of 1.4 is now.
+
+    `homes` are its modules, each with the names that are loaded from it on first use.
+    """
 
     def get(name: str) -> Any:
+        for home in homes:
+            if name in (home, *homes[home].split()):
+                loaded = import_module(f"{module}.{home}")
+                return loaded if name == home else getattr(loaded, name)
         place = new_place(f"{module}.{name}") or f"module '{module}' has no attribute '{name}'"
         raise AttributeError(place)
 

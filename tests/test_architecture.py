@@ -192,9 +192,10 @@ print(len(search.grasps))
 
 
 def test_every_public_name_resolves() -> None:
-    for name in lis_grasp.__all__:
-        assert getattr(lis_grasp, name) is not None
-    assert set(lis_grasp.__all__) <= set(dir(lis_grasp))
+    for package in (lis_grasp, pipeline):
+        for name in package.__all__:
+            assert getattr(package, name) is not None
+        assert set(package.__all__) <= set(dir(package))
 
 
 def test_notebooks_import_public_names_only() -> None:

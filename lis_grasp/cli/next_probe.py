@@ -19,13 +19,11 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.exploration import Exploration, ProbeOutcome, TouchLog
 from lis_grasp.io.atomic_writing import sole_writer, write_json
-from lis_grasp.io.request_lines import answer_lines, serve_socket
 from lis_grasp.pipeline.contact_sources import ContactSource, load_source, prior_contacts
 from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.next_touch import NextTouch, ObjectPlace, next_touch
 from lis_grasp.pipeline.results_folder import LOG, read_facts, read_touches
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.touch_service import TouchService
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import STABLE
 from lis_grasp.surfaces import judge_contacts, load_contacts
@@ -176,6 +174,9 @@ def _cloud(path: Path | str | None) -> Contacts:
 
 def _serve(options: argparse.Namespace, place: ObjectPlace, config: RunConfig) -> None:
     """Answer requests until one is to stop, or the standard input ends."""
+    from lis_grasp.io.request_lines import answer_lines, serve_socket
+    from lis_grasp.pipeline.touch_service import TouchService
+
     source, hand = options.contacts, Hand.load(config.hand)
     folder = options.output or (source or Path()).parent
     resumed = source is not None and source.suffix.lower() == ".jsonl"

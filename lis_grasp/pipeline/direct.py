@@ -20,9 +20,9 @@ from lis_grasp.exploration import Exploration
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.pipeline import lifting_stage, stages
+from lis_grasp.pipeline._run import run as run_with_files
 from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.results import Run
-from lis_grasp.pipeline.run import run as run_with_files
 from lis_grasp.pipeline.run_config import RunConfig, require_used
 from lis_grasp.pipeline.scenario import Scenario, find_object
 from lis_grasp.robots.hand import Hand
