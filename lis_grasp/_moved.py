@@ -85,6 +85,15 @@ ADVICE = {
         "contacts.positions": "points",
         "grasp.contacts": "contact_points",
         "grasp.score": "epsilon or success_probability",
+        "contacts.from_arrays contacts.from_points": (
+            "Contacts(points, normals), or surfaces.estimate_normals(points)"
+        ),
+        "contacts.from_csv contacts.from_file contacts.from_ply": "load_contacts(path)",
+        "hand.from_file hand.from_urdf hand.from_yaml": (
+            "Hand.load(path) of a YAML file, which `lis-grasp hand new FILE` writes"
+        ),
+        "runconfig.from_yaml runconfig.load": "RunConfig.from_facts(yaml.safe_load(text))",
+        "shape.from_file shape.load": "shapes.load(path), or shapes.build(name)",
         "surface.sdf": "evaluate(points)",
         "surface.normals": "gradient(points)",
     }.items()

@@ -36,14 +36,22 @@ def _refuse(item: Any, name: str) -> Any:
 
     Python asks here after an `AttributeError` inside a property too, whose own error is raised.
     """
-    owner = type(item).__name__
+    kind, default = (item, type) if isinstance(item, type) else (type(item), object)
+    owner = kind.__name__
     advice = ADVICE.get(f"{owner[-7:] if owner.endswith('Surface') else owner}.{name}".lower())
     if advice is None:
-        return object.__getattribute__(item, name)
-    raise AttributeError(f"'{owner}' object has no attribute '{name}'{advice}", name=name, obj=item)
+        return default.__getattribute__(item, name)
+    raise AttributeError(f"'{owner}' has no attribute '{name}'{advice}", name=name, obj=item)
 
 
 Record.__getattr__ = _refuse  # type: ignore[attr-defined]
+
+
+class Answering(type):
+    """Metaclass of classes that answer a guessed class method too."""
+
+
+Answering.__getattr__ = _refuse  # type: ignore[attr-defined]
 
 
 class FrozenArrays:

@@ -306,6 +306,23 @@ def test_a_guessed_member_is_answered(gripper: Hand, box: trimesh.Trimesh) -> No
         assert not hasattr(owner, f"_{name}")
 
 
+@pytest.mark.parametrize(
+    ("owner", "name", "advice"),
+    [
+        (Hand, "from_urdf", "write Hand.load(path) of a YAML file, which `lis-grasp hand new"),
+        (RunConfig, "from_yaml", "write RunConfig.from_facts(yaml.safe_load(text))"),
+        (Contacts, "from_points", "write Contacts(points, normals), or surfaces.estimate_normals("),
+        (Contacts, "from_csv", "write load_contacts(path)"),
+        (lis_grasp.Shape, "load", "write shapes.load(path), or shapes.build(name)"),
+    ],
+)
+def test_a_guessed_class_method_is_answered(owner: type, name: str, advice: str) -> None:
+    with pytest.raises(AttributeError, match=f"'{name}': {re.escape(advice)}"):
+        getattr(owner, name)
+    with pytest.raises(AttributeError, match=f"'{owner.__name__}' has no attribute '_{name}'"):
+        getattr(owner, f"_{name}")
+
+
 def _resolved(dotted: str) -> object:
     """Return what a dotted name stands for, or the sentence of its error."""
     parts = dotted.split(".")

@@ -40,8 +40,6 @@ def run(
 ) -> Run:
     """Run every stage, and write the file of each as soon as it is done.
 
-    `lis_grasp.run` needs no record.
-
     An interrupted exploration is resumed, and a finished one is used again, if nothing that it
     depends on has changed. Files that were made from earlier ones are removed.
 

@@ -43,8 +43,6 @@ def lift(
 ) -> LiftOutcome:
     """Simulate the lift of the true object in the configured simulator.
 
-    `lis_grasp.lift` needs no record.
-
     Parameters
     ----------
     scenario

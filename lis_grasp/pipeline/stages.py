@@ -87,7 +87,7 @@ def estimate(known: Perception, contacts: Contacts) -> tuple[ImplicitSurface, tr
     """Estimate the surface from contacts, and mesh it.
 
     `known` says by which estimator and sensor, whether the contacts' free space is removed, and
-    which table closes the estimate from below. `lis_grasp.estimate` needs no record.
+    which table closes the estimate from below.
 
     Examples
     --------
@@ -109,7 +109,7 @@ def estimate(known: Perception, contacts: Contacts) -> tuple[ImplicitSurface, tr
 def plan(known: Known, mesh: trimesh.Trimesh, *, candidates: int = CANDIDATES) -> GraspSearch:
     """Plan the ranked grasps of the known hand, and its arm if it has one, on a mesh.
 
-    At most `candidates` contact sets are sampled. `lis_grasp.plan` needs no record.
+    At most `candidates` contact sets are sampled.
 
     Examples
     --------

@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError, shown
-from lis_grasp.records import read_only
+from lis_grasp.records import Answering, read_only
 from lis_grasp.shapes._repair import repair_mesh
 from lis_grasp.shapes._topology import signed_volume
 from lis_grasp.typing import FloatArray
@@ -28,7 +28,7 @@ def sharp_edges(mesh: trimesh.Trimesh, *, angle: float = SHARP_ANGLE) -> FloatAr
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shape:
+class Shape(metaclass=Answering):
     """A true object, in its frame O.
 
     Parameters
