@@ -13,6 +13,7 @@ _PLACES = {
     "arms.arm_ik": "lis_grasp.robots.pose_ik",
     "arms.arm_kinematics": "lis_grasp.robots.kinematics",
     "arms.arm_mount": "lis_grasp.arms.station",
+    "arms.grasp_motion": "lis_grasp.arms.transit",
     "arms.base_search": "lis_grasp.arms.placement",
     "arms.joint_trajectory": "lis_grasp.arms.trajectory",
     "arms.probe_reach": "lis_grasp.arms.reach",

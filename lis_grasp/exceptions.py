@@ -6,7 +6,9 @@ import difflib
 import reprlib
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 
 # Messages quote input, which may be a whole damaged file: the middle of a longer one is left out.
@@ -205,3 +207,27 @@ class SimulationError(LisGraspError):
 
 class OutputError(LisGraspError):
     """Standard output that cannot be written to: its disk is full, or its reader has ended."""
+
+
+@contextmanager
+def needed_package(name: str, extra: str, *, option: str = "") -> Iterator[None]:
+    """Turn a failed import into an InvalidOptionError; `extra` is one of this package."""
+    try:
+        yield
+    except ImportError:
+        raise _missing(name, extra, option) from None
+
+
+def require_packages(*names: str, extra: str, option: str = "") -> None:
+    """Raise the error of `needed_package` for the first package that is not installed."""
+    for name in names:
+        if find_spec(name) is None:
+            raise _missing(name, extra, option)
+
+
+def _missing(name: str, extra: str, option: str) -> InvalidOptionError:
+    return InvalidOptionError(
+        f"{option or 'this'} needs {name}, which is not installed: pip install"
+        f" 'lis-grasp[{extra}]', or in a clone: bash bootstrap.sh {extra}",
+        option=option,
+    )

@@ -10,9 +10,9 @@ from typing import Any
 
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, Stage, say, say_search
+from lis_grasp.exceptions import require_packages
 from lis_grasp.grasping.export import save_isaac_grasps, save_moveit_grasps
 from lis_grasp.io.atomic_writing import write_json
-from lis_grasp.io.optional_packages import require_packages
 from lis_grasp.pipeline.dexgraspbench import TabletopObject, save_for_dexgraspbench
 from lis_grasp.pipeline.file_stages import PLANNED_WITH, GraspedFile, grasp_file
 from lis_grasp.pipeline.labels import label_file

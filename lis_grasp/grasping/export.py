@@ -11,11 +11,11 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
+from lis_grasp.exceptions import needed_package
 from lis_grasp.geometry import inverse_pose
 from lis_grasp.grasping._candidate_filter import LIFT, STANDOFF
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io.atomic_writing import whole_file
-from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.records import fields_of
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.mjcf import moving_joints, servo_efforts

@@ -1,7 +1,7 @@
 """Readers of robots' logs: forces and poses over time, from ROS bags, MCAP and CSV files.
 
 ROS 1 bags, ROS 2 bags and MCAP files are read by the pure-Python package `rosbags`, CSV tables by
-`logs._csv_log`.
+`logs._streams`.
 """
 
 from __future__ import annotations
@@ -14,12 +14,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.exceptions import InvalidFileError, needed_package
 from lis_grasp.io.content_kinds import named_by_content
-from lis_grasp.io.optional_packages import needed_package
-from lis_grasp.logs._csv_log import CsvLog
 from lis_grasp.logs._streams import (
     Content,
+    CsvLog,
     FrameTree,
     TimedForces,
     TimedPoses,

@@ -13,7 +13,7 @@ from lis_grasp.meshing._band import COARSE, sample_band
 from lis_grasp.meshing._dual_contouring import contour
 from lis_grasp.meshing._grid import Field, Grid
 from lis_grasp.meshing._hermite import find_crossings
-from lis_grasp.shapes.winding_number import winding_numbers
+from lis_grasp.shapes.mesh_distance import winding_numbers
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 

@@ -12,13 +12,12 @@ from typing import Any
 
 import trimesh
 
-from lis_grasp.exceptions import EstimationError
+from lis_grasp.exceptions import EstimationError, require_packages
 from lis_grasp.grasping.export import save_grasp_table
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import sole_writer
 from lis_grasp.io.json_lines import append_lines, read_lines
-from lis_grasp.io.optional_packages import require_packages
 from lis_grasp.pipeline.file_stages import lifting_of
 from lis_grasp.pipeline.lifting_stage import lift, process_count, worker_pool
 from lis_grasp.pipeline.progress import SILENT, Progress

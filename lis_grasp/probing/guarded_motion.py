@@ -20,7 +20,7 @@ from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.pose_filter import balls_inside
 from lis_grasp.robots.robot_model import ProbePosture
-from lis_grasp.shapes.winding_number import any_inside
+from lis_grasp.shapes.mesh_distance import any_inside
 from lis_grasp.typing import FloatArray
 
 TOUCHING = 2e-5

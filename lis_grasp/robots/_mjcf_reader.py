@@ -12,9 +12,8 @@ import trimesh
 import yourdfpy
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.exceptions import InvalidFileError, InvalidHandError
+from lis_grasp.exceptions import InvalidFileError, InvalidHandError, needed_package
 from lis_grasp.geometry import inverse_pose, make_pose
-from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.robots._mjcf_couplings import Couplings, kind_of, name_of
 from lis_grasp.robots._urdf import naming
 from lis_grasp.robots.inertias import LEAST_MASS, small_ball

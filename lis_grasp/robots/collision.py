@@ -13,7 +13,7 @@ from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.robots.body_pairs import fcl_shape, outline
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import LinkGeometry
-from lis_grasp.shapes.winding_number import InsideTest
+from lis_grasp.shapes.mesh_distance import InsideTest
 from lis_grasp.typing import BoolArray, FloatArray
 
 

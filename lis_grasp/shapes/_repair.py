@@ -23,7 +23,7 @@ from lis_grasp.shapes._topology import (
     signed_volume,
     split_at_shared_edges,
 )
-from lis_grasp.shapes.winding_number import winding_numbers
+from lis_grasp.shapes.mesh_distance import winding_numbers
 from lis_grasp.typing import BoolArray, FloatArray, IntArray
 
 # Vertices closer than this part of the object's size are one vertex written twice.

@@ -1,4 +1,4 @@
-"""Distances from points to a triangle mesh, by libigl's bounding-volume tree."""
+"""Distances from points to a triangle mesh, and its winding number, by libigl."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import igl
 import numpy as np
 import trimesh
 
-from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.typing import FloatArray, IndexArray, IntArray
 
 
 def distances_to_mesh(points: FloatArray, mesh: trimesh.Trimesh) -> tuple[FloatArray, IndexArray]:
@@ -51,3 +51,75 @@ class MeshTree:
         """Return squared distances (P,) of points (P, 3), triangles (P,), nearest points (P, 3)."""
         points = np.ascontiguousarray(points, dtype=np.float64)
         return self._tree.squared_distance(*self._arrays, points)  # type: ignore[no-any-return]
+
+
+# Areas and volumes below this fraction of their largest terms have no certain sign.
+_ROUNDING = 1e-12
+
+
+def winding_numbers(points: FloatArray, vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Return the winding number at each point: 1 inside a closed outward mesh, 0 outside.
+
+    The exact sum of the triangles' solid angles (Van Oosterom and Strackee 1983) over 4 pi. Folded
+    triangles, which scans have, are permitted; there are no bad directions as for rays. Points
+    (P, 3) [m], vertices (V, 3) [m] and faces (T, 3) give shape (P,).
+    """
+    return np.asarray(
+        igl.winding_number(
+            np.ascontiguousarray(vertices),
+            np.ascontiguousarray(faces, dtype=np.int64),
+            np.ascontiguousarray(points),
+        )
+    )
+
+
+def any_inside(mesh: trimesh.Trimesh, points: FloatArray) -> bool:
+    """Return whether any of the points (P, 3) [m] is inside a closed, outward-oriented mesh."""
+    return InsideTest(mesh).any_inside(points)
+
+
+class InsideTest:
+    """The point-in-mesh test for many calls on one closed, outward-oriented mesh.
+
+    The winding number at a point: cast a ray upward, count the faces where it leaves the mesh, and
+    subtract those where it enters. This takes a tenth of the time of adding up solid angles.
+    """
+
+    def __init__(self, mesh: trimesh.Trimesh) -> None:
+        self._mesh, self._closed = mesh, mesh.is_watertight
+        self._low, self._high = np.array(mesh.bounds)
+        self._triangles = np.array(mesh.triangles)  # (T, 3, 3)
+        # The rectangles that bound the triangles' shadows on the x-y plane, (2, T).
+        self._least = np.ascontiguousarray(self._triangles[:, :, :2].min(axis=1).T)
+        self._most = np.ascontiguousarray(self._triangles[:, :, :2].max(axis=1).T)
+
+    def any_inside(self, points: FloatArray) -> bool:
+        """Return whether any of the points (P, 3) [m] is inside."""
+        boxed = points[np.all((points > self._low) & (points < self._high), axis=1)]
+        return any(self._is_inside(point) for point in boxed)
+
+    def _is_inside(self, point: FloatArray) -> bool:
+        (x, y), least, most = point[:2], self._least, self._most
+        near = (least[0] <= x) & (x < most[0]) & (least[1] <= y) & (y < most[1])
+        count = _crossings_above(point, self._triangles[near]) if self._closed else None
+        if count is None:
+            mesh = self._mesh
+            return bool(winding_numbers(point[None], mesh.vertices, mesh.faces)[0] > 0.5)
+        return count > 0
+
+
+def _crossings_above(point: FloatArray, triangles: FloatArray) -> int | None:
+    """Return how often a line upward leaves, less how often it enters; None if it meets an edge."""
+    corners = triangles - point  # (T, 3, 3)
+    x, y = corners[:, :, 0], corners[:, :, 1]
+    # Twice the signed areas of the point's triangles with each edge, seen from above.
+    areas = x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)  # (T, 3)
+    if (np.abs(areas) <= _ROUNDING * (x**2 + y**2).max(initial=0.0)).any():
+        return None
+    through = (areas > 0.0).all(axis=1) | (areas < 0.0).all(axis=1)
+    corners, upward = corners[through], np.sign(areas[through, 0])
+    volumes = np.linalg.det(corners)
+    if (np.abs(volumes) <= _ROUNDING * np.abs(corners).max(initial=0.0) ** 3).any():
+        return None  # the point is on the surface
+    # A face that looks up is above the point if the point is behind it: its volume is positive.
+    return int(upward[volumes * upward > 0.0].sum())

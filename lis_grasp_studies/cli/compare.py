@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from lis_grasp.cli.progress import Stage, say
-from lis_grasp.exceptions import EstimationError, InvalidOptionError
+from lis_grasp.exceptions import EstimationError, InvalidOptionError, require_packages
 from lis_grasp.io.atomic_writing import sole_writer, write_text
-from lis_grasp.io.optional_packages import require_packages
 
 if TYPE_CHECKING:
     from lis_grasp.io.json_lines import Row
@@ -160,11 +159,10 @@ def _describe(study: Study, output: Path, options: argparse.Namespace) -> None:
 def _report(study: Study, rows: list[Row], output: Path, figures: Path | None) -> None:
     from lis_grasp_studies.harness.page import write_figures
     from lis_grasp_studies.harness.tables import rows_csv, write_tables
-    from lis_grasp_studies.study.cases import draw_cases
+    from lis_grasp_studies.study.cases import draw_cases, write_report
     from lis_grasp_studies.study.columns import COLUMNS
     from lis_grasp_studies.study.comparison import compare
     from lis_grasp_studies.study.figures import draw_pictures
-    from lis_grasp_studies.study.page import write_report
     from lis_grasp_studies.study.tables import all_tables
 
     with Stage("Reporting") as stage:

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lis_grasp.cli.progress import Stage, say
-from lis_grasp.exceptions import EstimationError, InvalidOptionError
+from lis_grasp.exceptions import EstimationError, InvalidOptionError, require_packages
 from lis_grasp.io.atomic_writing import sole_writer
-from lis_grasp.io.optional_packages import require_packages
 from lis_grasp_studies.harness.program import add_scheduler, scheduler_of
 
 if TYPE_CHECKING:

@@ -17,9 +17,8 @@ from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from lis_grasp.exceptions import EstimationError, InvalidOptionError, LisGraspError
+from lis_grasp.exceptions import EstimationError, InvalidOptionError, LisGraspError, needed_package
 from lis_grasp.io.json_lines import Row
-from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.pipeline.lifting_stage import process_count, worker_pool
 from lis_grasp_studies.harness.rows import Job
 

@@ -14,8 +14,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.stats import binomtest, norm, rankdata
 from scipy.stats import t as student
 
+from lis_grasp.exceptions import needed_package
 from lis_grasp.io.json_lines import Row
-from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.typing import FloatArray, IntArray
 
 Interval = tuple[float, float] | tuple[None, None]

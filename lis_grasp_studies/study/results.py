@@ -12,11 +12,10 @@ from typing import Any
 from pydantic import Field, create_model
 
 from lis_grasp import version
-from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, shown
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, needed_package, shown
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import Row
 from lis_grasp.io.limits import MEBIBYTE
-from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.io.schemas import FileRecord, Number, checked
 from lis_grasp.robots.shipped_models import READY_HANDS
 from lis_grasp_studies.harness.rows import Job, TrialResults, missing_jobs

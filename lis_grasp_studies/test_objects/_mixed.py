@@ -5,7 +5,7 @@ from __future__ import annotations
 import manifold3d
 import numpy as np
 
-from lis_grasp.shapes.tessellation import at_height, circle
+from lis_grasp.shapes.builtin import at_height, circle
 from lis_grasp_studies.test_objects.solid_modelling import (
     Solid,
     ball,

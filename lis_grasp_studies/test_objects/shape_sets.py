@@ -18,10 +18,10 @@ from lis_grasp import shapes
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.shapes import Shape
 from lis_grasp_studies.test_objects import _hard as hard
-from lis_grasp_studies.test_objects import _long as long
 from lis_grasp_studies.test_objects import _mixed as mixed
 from lis_grasp_studies.test_objects import _organic as organic
 from lis_grasp_studies.test_objects import _simple as simple
+from lis_grasp_studies.test_objects import _thin as long
 from lis_grasp_studies.test_objects import _thin as thin
 from lis_grasp_studies.test_objects.solid_modelling import Solid, mesh_of
 

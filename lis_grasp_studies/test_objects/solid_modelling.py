@@ -16,8 +16,8 @@ import numpy.typing as npt
 import trimesh
 from scipy.interpolate import PchipInterpolator, make_interp_spline
 
+from lis_grasp.shapes.builtin import circle
 from lis_grasp.shapes.solids import solid_of
-from lis_grasp.shapes.tessellation import circle
 from lis_grasp.typing import FloatArray
 
 Solid: TypeAlias = manifold3d.Manifold

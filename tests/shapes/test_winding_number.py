@@ -7,8 +7,7 @@ import trimesh
 from random_directions import random_directions
 
 from lis_grasp import shapes
-from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp.shapes.winding_number import any_inside, winding_numbers
+from lis_grasp.shapes.mesh_distance import any_inside, distances_to_mesh, winding_numbers
 
 
 def test_a_ball_winds_once_round_its_inside() -> None:

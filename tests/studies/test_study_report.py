@@ -27,7 +27,7 @@ from lis_grasp_studies.harness.page import Picture
 from lis_grasp_studies.harness.rows import Job, TrialResults
 from lis_grasp_studies.harness.tables import Table, rows_csv, write_tables
 from lis_grasp_studies.study import tables as study_tables
-from lis_grasp_studies.study.cases import draw_cases
+from lis_grasp_studies.study.cases import draw_cases, write_report
 from lis_grasp_studies.study.cells import printed
 from lis_grasp_studies.study.columns import COLUMNS
 from lis_grasp_studies.study.comparison import clearest_pairs, compare
@@ -38,7 +38,6 @@ from lis_grasp_studies.study.figures import (
     held_against_edge_error,
     held_against_touches,
 )
-from lis_grasp_studies.study.page import write_report
 from lis_grasp_studies.study.run import run_trial
 from lis_grasp_studies.study.study import Study
 from lis_grasp_studies.study.tables import (

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import trimesh
 
-from lis_grasp.io.optional_packages import needed_package, require_packages
+from lis_grasp.exceptions import needed_package, require_packages
 
 # Concavity of a piece, by its size, in the metric of Wei et al.: on a torus of 12 cm, 98 % of the
 # surface is within 0.5 mm of the pieces.

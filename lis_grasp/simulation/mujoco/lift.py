@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import trimesh
 
-from lis_grasp.exceptions import SimulationError
+from lis_grasp.exceptions import SimulationError, needed_package
 from lis_grasp.geometry import apply_pose, make_pose, rotate, unit
-from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.lifting.scene import FreeWrist, HandContact, Touched
