@@ -57,24 +57,18 @@ def _assert_held_by_sides(grasp: Grasp, half_widths: list[float]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("hand", [ALLEGRO, JAW], ids=lambda hand: hand.name)
-def test_a_plate_of_12_mm_is_grasped_from_its_sides(hand: Hand) -> None:
-    plate = _on_table(trimesh.creation.box((0.2, 0.1, 0.012)))
-    search = _plan(hand, plate)
+@pytest.mark.parametrize(
+    ("extents", "candidates"), [((0.2, 0.1, 0.012), 2000), ((0.2, 0.03, 0.004), 1000)]
+)
+def test_plates_and_rulers_are_grasped_by_their_sides(
+    hand: Hand, extents: tuple[float, ...], candidates: int
+) -> None:
+    plate = _on_table(trimesh.creation.box(extents))
+    search = _plan(hand, plate, candidates=candidates)
     assert search.grasps
     _assert_clear(hand, plate, search)
     for grasp in search.grasps:
-        _assert_held_by_sides(grasp, [0.1, 0.05])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("hand", [ALLEGRO, JAW], ids=lambda hand: hand.name)
-def test_a_ruler_of_4_mm_is_grasped_by_its_sides(hand: Hand) -> None:
-    ruler = _on_table(trimesh.creation.box((0.2, 0.03, 0.004)))
-    search = _plan(hand, ruler, candidates=1000)
-    assert search.grasps
-    _assert_clear(hand, ruler, search)
-    for grasp in search.grasps:
-        _assert_held_by_sides(grasp, [0.1, 0.015])
+        _assert_held_by_sides(grasp, [0.5 * extents[0], 0.5 * extents[1]])
 
 
 @pytest.mark.slow

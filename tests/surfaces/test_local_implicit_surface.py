@@ -60,18 +60,12 @@ def test_equals_the_equations_term_by_term(beta: str) -> None:
     np.testing.assert_allclose(surface.evaluate(queries), expected, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("factor", [0.2, 0.25, 1.0])
-def test_equals_the_equations_at_any_kernel_width(factor: float) -> None:
-    contacts = scattered_contacts(100, seed=4)
-    surface = LocalImplicitSurface.from_contacts(contacts, sigma=factor * contacts.spacing)
-    queries = np.random.default_rng(1).uniform(-0.15, 0.15, (3, 3))
-    expected = literal_values(surface, "corrected", queries)
-    np.testing.assert_allclose(surface.evaluate(queries), expected, rtol=1e-9, atol=1e-12)
-
-
-def test_equals_the_equations_where_neighbours_are_straight_above() -> None:
-    surface = LocalImplicitSurface.from_contacts(cube_contacts())
-    queries = np.random.default_rng(1).uniform(-0.1, 0.1, (60, 3))
+@pytest.mark.parametrize("factor", [0.2, 0.25, 1.0, None])
+def test_equals_the_equations_at_any_kernel_width_and_straight_above(factor: float | None) -> None:
+    contacts = cube_contacts() if factor is None else scattered_contacts(100, seed=4)
+    options = {} if factor is None else {"sigma": factor * contacts.spacing}
+    surface = LocalImplicitSurface.from_contacts(contacts, **options)
+    queries = np.random.default_rng(1).uniform(-0.1, 0.1, (60 if factor is None else 3, 3))
     expected = literal_values(surface, "corrected", queries)
     np.testing.assert_allclose(surface.evaluate(queries), expected, rtol=1e-9, atol=1e-12)
 
