@@ -211,10 +211,12 @@ class Contacts(Record, metaclass=Answering):
         Forces, times and fingers are kept only if both have them; noise that one of both lacks is
         unknown for its contacts.
         """
+        kept, empty = (self, other) if len(self) else (other, self)
+        if not len(empty) and not len(empty.free_points):
+            return kept
         free_points = np.vstack([self.free_points, other.free_points])
         free_radii = np.concatenate([self.free_radii, other.free_radii])
-        if not len(self) or not len(other):
-            kept = self if len(self) else other
+        if not len(empty):
             return replace(kept, free_points=free_points, free_radii=free_radii)
         return Contacts(
             np.vstack([self.points, other.points]),

@@ -161,7 +161,7 @@ def _without_strays(
     strays = setup.find_strays(after.contacts)
     points = after.contacts.points[strays[strays < len(state.contacts)]]
     # A place that was probed again is believed.
-    for before in state.outcomes:
+    for before in state.outcomes if len(points) else ():
         again = np.linalg.norm(points[:, None] - before.dropped, axis=2) < after.contacts.spacing
         points = points[~again.any(axis=1)]
     return _added(setup, state, replace(outcome, dropped=points)) if len(points) else after

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 import trimesh
@@ -43,7 +43,7 @@ from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.contact_sources import prior_contacts
 from lis_grasp.pipeline.known import Known, Perception, require_record
 from lis_grasp.pipeline.scenario import Scenario
-from lis_grasp.surfaces import Estimator, ImplicitSurface
+from lis_grasp.surfaces import ContactVerdicts, Estimator, ImplicitSurface
 from lis_grasp.surfaces import estimate as estimate_surface
 from lis_grasp.surfaces.carved_implicit_surface import above_table
 from lis_grasp.surfaces.estimators import find_estimator
@@ -166,23 +166,24 @@ def touch_steps(
 
 def exploration_setup(known: Known) -> ExplorationSetup:
     """Return the known setup of an exploration, without stop rules and tracker."""
+    judge = lru_cache(maxsize=1)(known.judge)  # for strays, then for the estimate
     return ExplorationSetup(
         make_policy(known.policy, known.space, known.sensor),
-        _on_credible(make_estimator(known.estimator, known.sensor), known),
+        _on_credible(make_estimator(known.estimator, known.sensor), judge),
         known.touches,
         space=known.space,
         prior=prior_contacts(known.cloud_contacts),
         sensor=known.sensor,
-        find_strays=None if known.keep_all else lambda c: known.judge(c).rows("stray"),
+        find_strays=None if known.keep_all else lambda c: judge(c).rows("stray"),
     )
 
 
-def _on_credible(make: Estimator, known: Perception) -> Estimator:
+def _on_credible(make: Estimator, judge: Callable[[Contacts], ContactVerdicts]) -> Estimator:
     """Return an estimator of what is credible, or of all if too much is not: touches go on."""
 
     def estimate(contacts: Contacts) -> ImplicitSurface:
         try:
-            return make(known.judge(contacts).credible)
+            return make(judge(contacts).credible)
         except TooManyBadContactsError:
             return make(replace(contacts, judged=True))
 
@@ -236,7 +237,7 @@ def make_policy(
         return find_policy(policy, space)
     guess = None
     if kind.uses_gaussian_process:
-        guess = _on_credible(make_estimator("gpis", sensor), Perception(sensor=sensor))
+        guess = _on_credible(make_estimator("gpis", sensor), Perception(sensor=sensor).judge)
     return TargetPolicy(space, kind.select, guess)
 
 

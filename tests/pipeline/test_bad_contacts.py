@@ -10,9 +10,11 @@ from scenes import Told
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, TooManyBadContactsError
-from lis_grasp.pipeline import ContactSource, estimate_file, grasp_file
+from lis_grasp.pipeline import ContactSource, RunConfig, Scenario, estimate_file, grasp_file
 from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.pipeline.run_scene import scene_of
+from lis_grasp.pipeline.stages import exploration_setup
+from lis_grasp.surfaces import judge_contacts
 
 BOX = trimesh.creation.box(extents=[0.06, 0.05, 0.04])
 FLIPPED, STRAY = 7, 20
@@ -46,6 +48,23 @@ def test_an_estimate_names_bad_contacts_and_grasps_repeat_it(touches: Path) -> N
     again = Told()
     grasp_file(made.path, hand="wsg50", grasps=1, progress=again)
     assert any(warning in line for line in again.lines)
+
+
+def test_contacts_are_judged_once_for_strays_and_estimate(
+    touches: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = Scenario.from_config(RunConfig("box", hand="wsg50")).known
+    judged: list[Contacts] = []
+    monkeypatch.setattr(
+        "lis_grasp.pipeline.known.judge_contacts",
+        lambda contacts, **noise: judged.append(contacts) or judge_contacts(contacts, **noise),
+    )
+    setup, contacts = exploration_setup(known), Contacts.load(touches)
+    assert setup.find_strays is not None
+    assert STRAY in setup.find_strays(contacts)
+    setup.estimate(contacts)
+    assert len(judged) == 1
+    assert Contacts.empty().append(contacts) is contacts
 
 
 def test_all_contacts_are_believed_on_request(touches: Path) -> None:
