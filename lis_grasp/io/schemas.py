@@ -34,7 +34,7 @@ _Schema = TypeVar("_Schema", bound=BaseModel)
 class FileRecord(BaseModel):
     """Base of the records of a file: no value is converted, and further keys are kept."""
 
-    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
+    model_config = ConfigDict(extra="allow", strict=True, frozen=True, defer_build=True)
 
 
 def first_mistake(invalid: ValidationError, known: Iterable[str] = ()) -> tuple[str, str]:

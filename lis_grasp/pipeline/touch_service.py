@@ -48,7 +48,7 @@ _Rows = Annotated[list[Vector], Field(max_length=_MOST_ROWS)]
 
 
 class _Request(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
 
     id: Any = None
 

@@ -27,7 +27,7 @@ Direction = Annotated[Vector, AfterValidator(_not_zero)]
 
 
 class _Record(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
 
 
 class PalmFrame(_Record):
