@@ -10,8 +10,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
 from lis_grasp.exceptions import InvalidFileError
 
 
@@ -65,6 +63,8 @@ def sole_writer(folder: Path) -> Iterator[None]:
 
     Raises `InvalidFileError` if another process has the lock, or the folder cannot be written to.
     """
+    from filelock import FileLock, Timeout
+
     lock = FileLock(folder / _NAME, timeout=0)
     try:
         folder.mkdir(parents=True, exist_ok=True)
