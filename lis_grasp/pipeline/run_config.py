@@ -269,7 +269,7 @@ class RunConfig(metaclass=Answering):
     )
     attempts: int = option(
         3,
-        "grasps to try at most; another is planned after a failed tactile check",
+        "grasps to try at most; another is planned after each that fails",
         GRASPING,
         metavar="N",
         check=at_least(1),
