@@ -17,7 +17,7 @@ from lis_grasp.cli.main import build_parser
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import POLICIES, pose_tracking
 from lis_grasp.exploration.probe import ProbeStatus
-from lis_grasp.pipeline import RunConfig, reasons
+from lis_grasp.pipeline import RunConfig, summary
 from lis_grasp.probing import approach_planner, guarded_motion, probe_planner
 from lis_grasp.robots.shipped_models import READY_HANDS, VENDOR_HANDS
 from lis_grasp.shapes import NAMES
@@ -79,7 +79,7 @@ def test_no_page_names_a_later_version() -> None:
 
 def test_every_reason_is_explained() -> None:
     page = _text(DOCS / "reference" / "reasons.md")
-    sentences = {**reasons.REJECTIONS, **reasons.LIFT_REASONS}
+    sentences = {**summary.REJECTIONS, **summary.LIFT_REASONS}
     missing = [
         row for pair in sentences.items() if (row := "| `{}` | {} |".format(*pair)) not in page
     ]

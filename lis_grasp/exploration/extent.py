@@ -82,6 +82,18 @@ class End:
         return bool((near & found).any())
 
     @property
+    def displacement(self) -> FloatArray:
+        """By how much it displaces the centre of mass if it is unseen, shape (3,) [m].
+
+        What continues may be half as long as what is known: one standard deviation.
+        """
+        return np.asarray(_CONTINUES * float(np.ptp(self.contacts.points @ self.out)) * self.out)
+
+    def __str__(self) -> str:
+        x, y = 1e3 * self.extreme[:2]
+        return f"the end beyond x = {x:.0f}, y = {y:.0f} mm"
+
+    @property
     def is_passed(self) -> bool:
         """Whether a level motion across passed the end, or met what is beyond."""
         place = float(self.extreme @ self.out)
@@ -148,8 +160,7 @@ def open_ends(space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOutc
     since = since_first_contact(outcomes)
     if not since or not len(contacts) or len(since) >= _MOST:
         return ""
-    open_ones = [1e3 * end.extreme for end in ends_of(space, contacts, since) if end.is_open]
-    return ", ".join(f"the end beyond x = {x:.0f}, y = {y:.0f} mm" for x, y, _ in open_ones)
+    return ", ".join(str(end) for end in ends_of(space, contacts, since) if end.is_open)
 
 
 def free_beyond(
@@ -167,19 +178,14 @@ def free_beyond(
     return np.reshape(centers, (-1, 3)), np.full(len(closed), HALF_SPACE)
 
 
-def unseen_ends(space: Workspace, contacts: Contacts) -> tuple[tuple[float, ...], ...]:
-    """Return by how much an unseen end may displace the centre of mass [m], for each open end.
-
-    What continues may be half as long as what is known: one standard deviation. An end beyond which
-    is free space is not open.
-    """
+def unseen_ends(space: Workspace, contacts: Contacts) -> tuple[End, ...]:
+    """Return the ends that no contact closes, and beyond which no free space is known."""
     found = []
     for end in ends_of(space, contacts, ()) if len(contacts) else ():
         beyond = end.extreme + _PASS * end.out
         passed = np.linalg.norm(contacts.free_points - beyond, axis=1) < contacts.free_radii
         if end.is_open and not passed.any():
-            length = float(np.ptp(contacts.points @ end.out))
-            found.append(tuple(float(x) for x in _CONTINUES * length * end.out))
+            found.append(end)
     return tuple(found)
 
 

@@ -142,7 +142,7 @@ def choose(
     known, recent = state.known, since_loss(state.outcomes)
     probe = probe or setup.policy.next_probe(known, state.estimated, outcomes=recent, rng=rng)
     if probe is None:
-        return "the policy has no probe left"
+        return f"the policy has no probe left{_not_found(setup, state)}"
     if setup.space is None:
         return NextProbe(probe, None)
     return NextProbe(probe, ObstacleModel(setup.space.grown(known), known, state.surface))
@@ -229,15 +229,18 @@ def sought_ends(setup: ExplorationSetup, state: ExplorationState) -> str:
     return open_ends(space, state.contacts, since_loss(state.outcomes))
 
 
-def _reason_to_end(setup: ExplorationSetup, state: ExplorationState) -> str | None:
+def _not_found(setup: ExplorationSetup, state: ExplorationState) -> str:
     sought = sought_ends(setup, state)
+    return f"; not found: {sought}" if sought else ""
+
+
+def _reason_to_end(setup: ExplorationSetup, state: ExplorationState) -> str | None:
     if setup.touches is not None:
         if len(state.contacts) >= setup.touches:
-            made = f"{counted(len(state.contacts), 'contact')} made"
-            return f"{made}; not found: {sought}" if sought else made
+            return f"{counted(len(state.contacts), 'contact')} made{_not_found(setup, state)}"
         if len(state.outcomes) >= _PROBES_PER_TOUCH * setup.touches + _SPARE_PROBES:
-            return f"{counted(len(state.outcomes), 'probe')} made"
-    if state.surface is not None and not sought:
+            return f"{counted(len(state.outcomes), 'probe')} made{_not_found(setup, state)}"
+    if state.surface is not None and not sought_ends(setup, state):
         for rule in state.rules:
             reason = rule(state.known, state.surface, state.outcomes)
             if reason:

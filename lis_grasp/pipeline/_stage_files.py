@@ -104,7 +104,8 @@ class StoredStages(Stages):
 
     def estimate(self, scenario: Scenario, contacts: Contacts) -> trimesh.Trimesh:
         """Estimate the surface, and write contacts.ply if there are new ones, and surface.ply."""
-        self._recorded |= scenario.facts()
+        self._recorded.pop("warnings", None)
+        self._recorded |= scenario.facts() | scenario.warnings(contacts)
         with self._watch.measure("estimate"):
             if not np.array_equal(contacts.points, self._stored):
                 path = self._folder / "contacts.ply"

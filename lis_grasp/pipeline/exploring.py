@@ -82,7 +82,8 @@ def explore_into(
     contacts = exploration.contacts
     if len(cloud) and not any(outcome.lost for outcome in exploration.outcomes):
         contacts = contacts.append(cloud)
-    facts = provenance.parse(header) | scenario.after(exploration).facts()
+    after = scenario.after(exploration)
+    facts = provenance.parse(header) | after.facts() | after.warnings(contacts)
     with result_file(folder / "contacts.ply", progress) as path:
         contacts.save(path, header=provenance.describe(**facts))
     return exploration

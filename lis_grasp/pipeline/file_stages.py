@@ -115,7 +115,7 @@ def estimate_file(
     folder = paths[0].parent if folder is None else folder
     is_kept = _require_contacts_fit(folder, contacts, paths)
     checked = "object" in recorded or any(source.normals or source.viewpoint for source in sources)
-    warnings = []
+    warnings = list(recorded.get("warnings") or ())
     for line in _findings(contacts, paths, checked=checked):
         progress.say(line)
         warnings += [line.removeprefix(_WARNING)] if line.startswith(_WARNING) else []
@@ -142,8 +142,8 @@ def grasp_file(
     Files that were made from earlier grasps are removed. The default of `folder` is that of the
     mesh. `support` is the height of the plane below the object [m], by default the recorded one,
     else the mesh's lowest point. The options are ``hand``, ``arm``, ``base``, ``mass``,
-    ``friction``, ``load``, ``grasps``, ``seed`` and ``units``, by default as recorded in the file,
-    else as in `RunConfig`.
+    ``friction``, ``load``, ``grasps``, ``obstacles``, ``seed``, ``units`` and ``up``, by default as
+    recorded in the file, else as in `RunConfig`.
 
     Raises `InvalidOptionError` if a value is out of range, `InvalidFileError` or `InvalidMeshError`
     if the mesh cannot be used, `TypeError` for another option.

@@ -14,6 +14,7 @@ from lis_grasp.arms.placement import choose_base
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Policy, Region, TactileSensor, Workspace
+from lis_grasp.exploration.extent import End, unseen_ends
 from lis_grasp.geometry import inverse_pose, make_pose, require_pose
 from lis_grasp.grasping.grasps import LoadPrior
 from lis_grasp.pipeline.contact_sources import ContactSource, load_source
@@ -145,6 +146,11 @@ class Known(Perception):
         """Return the same for planning on a mesh [m], which shows the object's place."""
         space = Workspace(1.0, mesh.bounds.mean(axis=0), float(mesh.extents.max()))
         return Known.for_hand(config, hand, space, support, X_EA)
+
+    def unseen_ends(self, contacts: Contacts) -> tuple[End, ...]:
+        """Return the ends of an object in a region that no contact shows."""
+        space = self.space
+        return unseen_ends(space.fitted_to(contacts), contacts) if isinstance(space, Region) else ()
 
     def in_frame(self, X_EF: FloatArray) -> Known:
         """Return the same in a frame F that has the pose `X_EF` (4, 4) in the frame E so far."""

@@ -13,12 +13,10 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import (
     PoseTracker,
     ProbeOutcome,
-    Region,
     RegionPolicy,
     Workspace,
     explore_steps,
 )
-from lis_grasp.exploration.extent import unseen_ends
 from lis_grasp.exploration.planar_motion import (
     CONTACT_ERROR,
     PoseBelief,
@@ -172,8 +170,9 @@ def grasp_with_tactile_check(
 
 def _with_ends(scenario: Scenario, contacts: Contacts) -> Scenario:
     """Return the scenario with the ends of the object in a region that no contact shows."""
-    known, space = scenario.known, scenario.known.space
-    toward = unseen_ends(space.fitted_to(contacts), contacts) if isinstance(space, Region) else ()
+    known = scenario.known
+    ends = known.unseen_ends(contacts)
+    toward = tuple(tuple(float(x) for x in end.displacement) for end in ends)
     return replace(scenario, known=replace(known, load=replace(known.load, toward=toward)))
 
 

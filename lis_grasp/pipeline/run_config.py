@@ -196,7 +196,11 @@ class RunConfig(metaclass=Answering):
         check=POSITIVE,
     )
     max_seconds: float | None = option(
-        None, "stop after this time of the robot", TOUCHING, metavar="S", check=POSITIVE
+        None,
+        "stop after this time of the robot, in a region only when its object's ends are found",
+        TOUCHING,
+        metavar="S",
+        check=POSITIVE,
     )
     position_noise: float = _noise(
         "standard deviation of the positions of contacts that do not carry their own",

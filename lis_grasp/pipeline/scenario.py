@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import (
     DEFAULT_REGION,
@@ -131,6 +132,14 @@ class Scenario:
         """
         truth = replace(self.truth, X_EO=inverse_pose(X_EF) @ X_EO)
         return replace(self, known=self.known.in_frame(X_EF), truth=truth)
+
+    def warnings(self, contacts: Contacts) -> dict[str, list[str]]:
+        """Return the warning that ends of the object were not found, as a fact; none if all were.
+
+        Grasps alone are planned as if the estimate ended there.
+        """
+        ends = self.known.unseen_ends(contacts) if len(contacts) else ()
+        return {"warnings": [f"not found: {', '.join(map(str, ends))}"]} if ends else {}
 
     def facts(self) -> dict[str, Any]:
         """Return the support and the poses of object and arm, as plain values for file headers."""

@@ -92,7 +92,8 @@ def headline(report: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     """Return the numbers of a run that matter most, each with what it is."""
     lift, predicted = report["lift"], report["attempts"][-1]["success_probability"]
     outcome = "held" if lift["held"] else lift["reason"].replace("_", " ")
-    numbers = [(outcome, "lifted and shaken")]
+    lifted = "lifted, but not held" if lift["lifted"] else "not held"
+    numbers = [(outcome, "lifted and shaken" if lift["held"] else lifted)]
     if report["surface"]["rmsd"] is not None:
         numbers.append((f"{1e3 * report['surface']['rmsd']:.1f} mm", "error of the estimate"))
     numbers.append((f"{report['touches']}", "touches"))

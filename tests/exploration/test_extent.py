@@ -123,8 +123,9 @@ def test_an_end_without_contact_and_without_free_space_may_displace_the_centre_o
     places = [np.array([x, side * 0.01, 0.02]) for x in (0.01, 0.04, 0.08) for side in (-1.0, 1.0)]
     sides = Contacts(np.array(places), np.array([np.sign(p[1]) * Y for p in places]))
     known = sides.append(Contacts(np.array([[0.0, 0.0, 0.02]]), -X[None]))
-    (reach,) = unseen_ends(REGION.fitted_to(known), known)
-    np.testing.assert_allclose(reach, [0.25 * 0.08, 0.0, 0.0], atol=1e-3)
+    (end,) = unseen_ends(REGION.fitted_to(known), known)
+    assert "x = 80," in str(end)
+    np.testing.assert_allclose(end.displacement, [0.25 * 0.08, 0.0, 0.0], atol=1e-3)
     assert len(unseen_ends(REGION.fitted_to(sides), sides)) == 2
     beyond = np.array([[0.1, 0.0, 0.02]])
     passed = replace(known, free_points=beyond, free_radii=np.array([0.015]))

@@ -16,9 +16,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from lis_grasp import Contacts, Hand, shapes
 from lis_grasp.exploration.planar_motion import planar_pose
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
+from lis_grasp.io import provenance
 from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome
-from lis_grasp.pipeline import RunConfig, Scenario, regrasp
+from lis_grasp.pipeline import ContactSource, RunConfig, Scenario, estimate_file, regrasp
 from lis_grasp.pipeline._stage_files import StoredStages
 from lis_grasp.pipeline.progress import SILENT
 from lis_grasp.pipeline.regrasp import Attempt, Lesson, Stages, grasp_with_tactile_check, touch_more
@@ -229,6 +230,19 @@ def test_an_object_with_an_unseen_end_is_touched_before_the_first_grasp() -> Non
         list(grasp_with_tactile_check(scenario, contacts, script))
         assert script.sought == sought
         assert bool(script.calls[0]["load"].toward) == bool(sought)
+
+
+@pytest.mark.parametrize(("rows", "is_seen"), [([0, 1, 2, 3, 4, 5], True), ([1, 2, 4], False)])
+def test_a_surface_of_contacts_with_an_unseen_end_says_so(
+    tmp_path: Path, rows: list[int], is_seen: bool
+) -> None:
+    scenario = scenes.scenario(BOX, scenes.hand(), region=[0.4] * 3, pose="stable")
+    contacts, path = scenes.contacts().subset(rows), tmp_path / "contacts.ply"
+    contacts.save(path, header=provenance.describe(**scenario.warnings(contacts)))
+    source = ContactSource(path)
+    made = estimate_file([source], tmp_path / "estimated", estimator="gpis")
+    said = " ".join(provenance.read(made.path).get("warnings") or ())
+    assert ("the end beyond" not in said) == is_seen
 
 
 def test_contacts_of_an_object_explored_anew_replace_those_in_the_file(tmp_path: Path) -> None:

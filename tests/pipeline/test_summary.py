@@ -14,6 +14,7 @@ from lis_grasp.pipeline.summary import (
     LIFT_REASONS,
     REJECTIONS,
     exploration_lines,
+    headline,
     lift_sentence,
     run_lines,
 )
@@ -81,6 +82,9 @@ def test_a_lift_that_failed_ends_in_a_sentence_without_its_code(reason: str) -> 
     last = run_lines(report(iou=0.9, reason=reason))[-1]
     assert lift_sentence(reason) in last
     assert "_" not in last
+    made = report(iou=0.9, reason=reason) | {"touches": 9}
+    made["attempts"][-1]["success_probability"] = None
+    assert headline(made)[0][1] == "not held"
 
 
 def test_without_a_grasp_the_most_frequent_rejection_is_named() -> None:
