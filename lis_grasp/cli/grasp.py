@@ -10,7 +10,7 @@ from typing import Any
 
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, Stage, say, say_search
-from lis_grasp.exceptions import require_packages
+from lis_grasp.exceptions import InvalidOptionError, require_packages
 from lis_grasp.grasping.export import save_isaac_grasps, save_moveit_grasps
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.pipeline.dexgraspbench import TabletopObject, save_for_dexgraspbench
@@ -75,6 +75,8 @@ def execute(options: argparse.Namespace) -> None:
     """Plan grasps, and print what was written."""
     if options.dexgraspbench:
         require_packages("mujoco", extra="mujoco", option="--dexgraspbench")
+    if options.jobs is not None and not options.label:
+        raise InvalidOptionError("--jobs is for the lifts of --label: give both", option="--jobs")
     if options.label:
         require_packages("pyarrow", extra="study", option="--label")
     used = opt.given(options, "units", "up", *PLANNED_WITH)

@@ -127,6 +127,11 @@ def configure_touch(options: argparse.Namespace) -> RunConfig:
     """
     if options.clamped and options.free:
         raise InvalidOptionError("give either --clamped or --free; both are given", option="free")
+    if options.force_threshold is not None and options.prober == "kinematic":
+        raise InvalidOptionError(
+            "--force-threshold needs the dynamic prober: touches by geometry have no force",
+            option="--force-threshold",
+        )
     unknown = options.cloud is None if options.unknown is None else options.unknown
     conditions = dict(UNKNOWN if unknown else KNOWN)
     prober = options.prober or _DEFAULTS.prober

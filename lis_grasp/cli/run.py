@@ -7,10 +7,17 @@ from pathlib import Path
 
 from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
-from lis_grasp.cli.progress import PRINTED, say, say_search
+from lis_grasp.cli.progress import PRINTED, complain, say, say_search
 from lis_grasp.cli.view import watched
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import (
+    EstimationError,
+    InvalidOptionError,
+    LisGraspError,
+    OutputError,
+    counted,
+)
 from lis_grasp.pipeline.results_folder import results_folder
+from lis_grasp.pipeline.scenario import find_object
 from lis_grasp.pipeline.summary import run_lines
 
 _SEVERAL = Path("results/objects")
@@ -43,8 +50,20 @@ def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> 
         )
     configs = [opt.configure_touch(options) for options.object in objects]
     folders = [results_folder(c, output / n) for c, n in zip(configs, names, strict=True)]
-    for config, folder in zip(configs, folders, strict=True):
-        _run(config, folder, fresh=options.fresh)
+    for config in configs:
+        find_object(config)
+    failed = []
+    for name, config, folder in zip(names, configs, folders, strict=True):
+        try:
+            _run(config, folder, fresh=options.fresh)
+        except OutputError:
+            raise
+        except LisGraspError as error:
+            failed.append(name)
+            complain(f"{name}: {error}")
+    if failed:
+        of = counted(len(names), "object")
+        raise EstimationError(f"of {of}, {len(failed)} failed: {', '.join(failed)}")
 
 
 def _run(config: pipeline.RunConfig, folder: Path, *, fresh: bool) -> None:

@@ -13,7 +13,7 @@ from pydrake.multibody.tree import Frame, ModelInstanceIndex, RigidBody
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, default_mass, find
-from lis_grasp.shapes.object_mass import USUAL_FRICTION
+from lis_grasp.shapes.object_mass import USUAL_FRICTION, require_load
 from lis_grasp.shapes.solids import merge_flat_faces
 from lis_grasp.simulation.drake import hand_plant, object_plant
 from lis_grasp.simulation.drake.hand_plant import PROBING_SKIN, HandInPlant
@@ -124,6 +124,8 @@ def add_object(
     ------
     InvalidFileError, InvalidMeshError
         If the object cannot be used.
+    InvalidOptionError
+        If mass or friction is out of range.
 
     Examples
     --------
@@ -135,6 +137,7 @@ def add_object(
         obj = Shape.from_mesh(obj)
     shape = obj if isinstance(obj, Shape) else find(str(obj), units=units)
     mass = default_mass(shape.mesh) if mass is None else mass
+    require_load(mass=mass, friction=friction)
     flat = merge_flat_faces(shape.mesh)
     _require_open(plant, name)
     body = object_plant.add_object(plant, flat, mass=mass, friction=friction, name=name).body

@@ -12,11 +12,11 @@ from typing import Any, Protocol, get_args, overload
 import numpy as np
 import trimesh
 
-from lis_grasp.exceptions import InvalidOptionError, NoGraspError, require_positive
+from lis_grasp.exceptions import InvalidOptionError, NoGraspError
 from lis_grasp.io.grasp_files import read_grasp_file, write_grasp_file
 from lis_grasp.records import Record, fields_of, read_only, reduce_record, short_repr
 from lis_grasp.robots.robot_model import GraspFamily
-from lis_grasp.shapes.object_mass import USUAL_FRICTION, USUAL_MASS
+from lis_grasp.shapes.object_mass import USUAL_FRICTION, USUAL_MASS, require_load
 from lis_grasp.typing import FloatArray
 
 # Nodes and weights of the Gauss-Hermite rule with three nodes, for a standard normal variable.
@@ -200,7 +200,7 @@ class GraspSearch(Record, Sequence[Grasp]):
 class LoadPrior:
     """Mass of an object and its friction on the hand, each log-normal.
 
-    Raises `InvalidOptionError` if a median is not positive, or a spread is negative.
+    Raises `InvalidOptionError` if a median is out of range, or a spread is negative.
     """
 
     friction: float = USUAL_FRICTION  #: median of the Coulomb coefficient
@@ -213,7 +213,7 @@ class LoadPrior:
     toward: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
-        require_positive(friction=self.friction, mass=self.mass)
+        require_load(mass=self.mass, friction=self.friction)
         for name in ("friction_spread", "mass_spread"):
             if not getattr(self, name) >= 0.0:
                 raise InvalidOptionError.out_of_range(name, getattr(self, name), "at least 0")

@@ -17,16 +17,19 @@ Row = dict[str, Any]
 
 _MOST_BYTES = 1024 * MEBIBYTE
 
+MADE_AGAIN = "remove that line, or the file, and what it had is made again"
+"""Advice for a damaged file whose rows a program can make again."""
 
-def read_lines(path: Path) -> tuple[Row, list[Row]]:
+
+def read_lines(path: Path, *, advice: str = "restore it from a copy") -> tuple[Row, list[Row]]:
     """Return a file's header and its rows; both empty if there is no file yet.
 
-    A last line without a line end, left by an interruption, is ignored; `append_lines` removes it.
+    `advice` ends the message of a damaged file, which may be a real robot's. A last line without a
+    line end, left by an interruption, is ignored; `append_lines` removes it.
     Raises `InvalidFileError` if the file cannot be read, or a line is not a JSON object.
     """
     if not os.path.exists(path):
         return {}, []
-    advice = "remove that line, or the file, and what it had is made again"
     with reading(path, "one JSON object a line", most=_MOST_BYTES, advice=advice):
         lines = enumerate(path.read_text(encoding="utf-8").splitlines(keepends=True), start=1)
         rows = [_object(line, number) for number, line in lines if line.endswith("\n")]

@@ -12,13 +12,13 @@ import trimesh
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.trajectory import JointTrajectory
 from lis_grasp.arms.transit import plan_transit
-from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError, require_positive
+from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.geometry import inverse_pose
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.lifting.outcome import LiftOptions, Reason
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import by_joint_kind
-from lis_grasp.shapes.object_mass import GRAVITY, USUAL_FRICTION, USUAL_MASS
+from lis_grasp.shapes.object_mass import GRAVITY, USUAL_FRICTION, USUAL_MASS, require_load
 from lis_grasp.typing import FloatArray
 
 # A hand of 1 kg follows 1 g within 1 mm.
@@ -58,7 +58,7 @@ class LiftSetup:
     InvalidMeshError
         If the mesh is not watertight: it has no volume to weigh.
     InvalidOptionError
-        If mass or friction is not positive, or the grasp is for another hand.
+        If mass or friction is out of range, or the grasp is for another hand.
     """
 
     mesh: trimesh.Trimesh  #: the true object in its frame O, upright [m]; watertight
@@ -78,7 +78,7 @@ class LiftSetup:
     def __post_init__(self) -> None:
         if not self.mesh.is_watertight:
             raise InvalidMeshError("a lift needs a watertight mesh: load it with `shapes.load`")
-        require_positive(mass=self.mass, friction=self.friction)
+        require_load(mass=self.mass, friction=self.friction)
         if tuple(self.grasp.joint_names) != tuple(self.hand.joint_names):
             raise InvalidOptionError(
                 f"the grasp must be for the joints of '{self.hand.name}'; it is for those of"

@@ -17,7 +17,7 @@ from lis_grasp.grasping.export import save_grasp_table
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import sole_writer
-from lis_grasp.io.json_lines import append_lines, read_lines
+from lis_grasp.io.json_lines import MADE_AGAIN, append_lines, read_lines
 from lis_grasp.pipeline.file_stages import lifting_of
 from lis_grasp.pipeline.lifting_stage import lift, process_count, worker_pool
 from lis_grasp.pipeline.progress import SILENT, Progress
@@ -82,7 +82,7 @@ def label_file(
     header |= {**scenario.config.facts(), **scenario.facts(), **_digest(scenario)}
     log = folder / LABELS
     with sole_writer(folder):
-        recorded, rows = read_lines(log)
+        recorded, rows = read_lines(log, advice=MADE_AGAIN)
         if recorded != header:
             log.unlink(missing_ok=True)
             rows = []

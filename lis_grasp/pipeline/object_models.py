@@ -11,9 +11,9 @@ from xml.etree import ElementTree
 import numpy as np
 import trimesh
 
-from lis_grasp.exceptions import InvalidOptionError, require_positive
+from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io.atomic_writing import write_text
-from lis_grasp.shapes.object_mass import uniform_inertia
+from lis_grasp.shapes.object_mass import require_load, uniform_inertia
 from lis_grasp.typing import FloatArray
 
 _DRAKE = "http://drake.mit.edu"
@@ -32,7 +32,7 @@ _TORSION, _ROLLING = 0.005, 0.0001
 class ObjectModel:
     """A rigid object of uniform density, in its frame O.
 
-    Raises `InvalidOptionError` if mass or friction are not above 0, or there are no parts.
+    Raises `InvalidOptionError` if mass or friction are out of range, or there are no parts.
     """
 
     name: str  #: letters, digits, ``_``, ``-`` and ``.``
@@ -42,7 +42,7 @@ class ObjectModel:
     friction: float  #: Coulomb's coefficient, static and dynamic
 
     def __post_init__(self) -> None:
-        require_positive(mass=self.mass, friction=self.friction)
+        require_load(mass=self.mass, friction=self.friction)
         if not self.parts:
             message = "an object model needs at least one convex part; there is none"
             raise InvalidOptionError(message, option="parts")

@@ -124,7 +124,8 @@ def results_folder(config: RunConfig, named: Path | str | None) -> Path:
     """
     folder = default_output(config) if named is None else Path(named)
     facts = config.facts()
-    recorded: dict[str, Any] = read_lines(folder / LOG)[0]
+    advice = "restore it from a copy, or name another `folder`"
+    recorded: dict[str, Any] = read_lines(folder / LOG, advice=advice)[0]
     distinguished = facts if named is None else ("object",)
     differing = [n for n in distinguished if n in recorded and recorded[n] != facts[n]]
     if differing:

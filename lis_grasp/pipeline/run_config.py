@@ -17,6 +17,7 @@ from lis_grasp.io.yaml_files import YAML_SUFFIXES
 from lis_grasp.pipeline.conditions import REAL_SENSOR
 from lis_grasp.pipeline.option import (
     FRACTION,
+    FRICTION,
     POSITIVE,
     PROBABILITY,
     at_least,
@@ -215,7 +216,7 @@ class RunConfig(metaclass=Answering):
         "estimated from the contacts",
     )
     force_threshold: float = _noise(
-        "smallest force that the sensor detects", "force_threshold", "N"
+        "smallest force that the sensor detects, with `prober` dynamic", "force_threshold", "N"
     )
     taxel_pitch: float = _noise("distance of the sensor's taxels", "taxel_pitch", "METRES")
     free_space: bool = option(
@@ -252,7 +253,7 @@ class RunConfig(metaclass=Answering):
         "Coulomb friction between hand and object",
         GRASPING,
         metavar="MU",
-        check=POSITIVE,
+        check=FRICTION,
     )
     load: str = option(
         "known",

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.typing import FloatArray
 
 GRAVITY = 9.81
@@ -21,11 +22,22 @@ USUAL_MASS = 0.2
 USUAL_FRICTION = 0.8
 """Coulomb's coefficient of rubber fingertips on an object of which nothing else is known."""
 
+LARGEST_FRICTION = 100.0
+"""Largest Coulomb coefficient that is accepted: far above that of any material."""
+
 LARGEST_DENSITY = 2700.0
 """Density of aluminium [kg/m^3]: small objects of unknown material are not denser."""
 
 # Objects of the YCB set are files or folders such as `006_mustard_bottle`.
 _YCB_NAME = re.compile(r"\d{3}(-[a-z])?_\w+")
+
+
+def require_load(*, mass: float, friction: float) -> None:
+    """Raise `InvalidOptionError` unless both are above 0, and friction at most 100."""
+    require_positive(mass=mass, friction=friction)
+    if friction > LARGEST_FRICTION:
+        required = f"at most {LARGEST_FRICTION:g}"
+        raise InvalidOptionError.out_of_range("friction", friction, required)
 
 
 def default_mass(mesh: trimesh.Trimesh, name: str = "") -> float:

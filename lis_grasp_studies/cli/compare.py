@@ -106,7 +106,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Run the missing trials, and write tables and report; or repeat one row."""
-    from lis_grasp_studies.harness.program import scheduler_of
+    from lis_grasp_studies.harness.program import require_no_workers, scheduler_of
     from lis_grasp_studies.harness.runner import run_trials
     from lis_grasp_studies.study.results import StudyResults
     from lis_grasp_studies.study.run import run_trial
@@ -121,6 +121,7 @@ def execute(options: argparse.Namespace) -> None:
     if options.rerun is not None:
         _rerun(results, options)
         return
+    require_no_workers(options)
     scheduler = scheduler_of(options)
     study = Study.from_facts(_facts(options))
     if options.report_only:

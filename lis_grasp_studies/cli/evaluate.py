@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, require_packages
 from lis_grasp.io.atomic_writing import sole_writer
-from lis_grasp_studies.harness.program import add_scheduler, scheduler_of
+from lis_grasp_studies.harness.program import add_scheduler, require_no_workers, scheduler_of
 
 if TYPE_CHECKING:
     from lis_grasp_studies.evaluation.configuration import Configuration
@@ -68,7 +68,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="source of another version, whose commands are timed in turns with this one's",
     )
     parser.add_argument(
-        "--report-only", action="store_true", help="measure nothing: report on the rows there are"
+        "--report-only",
+        action="store_true",
+        help="measure nothing: report on the rows there are, as made with the --hours, --meshes and"
+        " --beside that are given",
     )
     add_scheduler(parser)
     opt.add_output(parser, str(_OUTPUT))
@@ -85,6 +88,7 @@ def execute(options: argparse.Namespace) -> None:
     require_packages("pyarrow", "statsmodels", extra="study", option="evaluate")
     if options.quick and options.config is not None:
         raise InvalidOptionError("--quick excludes a configuration", option="--quick")
+    require_no_workers(options)
     path = options.config or SHIPPED / ("quick.yaml" if options.quick else "published.yaml")
     configuration = Configuration.load(path, options.parts)
     earlier = read_parquet(options.earlier) if options.earlier else []

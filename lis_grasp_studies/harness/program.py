@@ -86,6 +86,14 @@ def add_scheduler(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def require_no_workers(options: argparse.Namespace) -> None:
+    """Raise `InvalidOptionError` for workers of a program that is to report only."""
+    for name in ("jobs", "scheduler"):
+        if options.report_only and getattr(options, name) is not None:
+            message = f"--report-only runs nothing: leave out --{name}"
+            raise InvalidOptionError(message, option=f"--{name}")
+
+
 def scheduler_of(options: argparse.Namespace) -> Scheduler:
     """Return the scheduler that the options of `add_scheduler` name."""
     from lis_grasp_studies.harness.runner import DaskCluster, local_scheduler

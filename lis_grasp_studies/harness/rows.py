@@ -9,7 +9,7 @@ from typing import Any
 
 from lis_grasp import version
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.json_lines import Row, append_lines, read_lines
+from lis_grasp.io.json_lines import MADE_AGAIN, Row, append_lines, read_lines
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class TrialResults:
         Raises `InvalidFileError` if the file is of another kind or version, or not a file of
         results.
         """
-        header, rows = read_lines(self.path)
+        header, rows = read_lines(self.path, advice=MADE_AGAIN)
         wanted = self._header()
         found = header | wanted if any_version and header.get("results") == self.kind else header
         if header and found != wanted:

@@ -66,6 +66,7 @@ StudyRow = create_model(
 )
 """A row of this version: all columns but times, each of its type or None."""
 
+_MADE_AGAIN = "remove it, and its rows are made again"
 _MOST_BYTES = 2048 * MEBIBYTE  # of rows.parquet, unpacked
 
 
@@ -102,7 +103,7 @@ class StudyResults:
 
         Raises `InvalidFileError` if a file cannot be read, or is of another version.
         """
-        merged = read_parquet(self.merged) if self.merged.is_file() else []
+        merged = read_parquet(self.merged, _MADE_AGAIN) if self.merged.is_file() else []
         for row in merged:
             if not any_version and row.get("version") != version.__version__:
                 raise InvalidFileError(
@@ -175,7 +176,7 @@ class StudyResults:
         return [found[place] for place in sorted(found)]
 
 
-def read_parquet(path: Path) -> list[Row]:
+def read_parquet(path: Path, advice: str = "restore it from a copy") -> list[Row]:
     """Return the rows of a Parquet file; raise `InvalidFileError` if it cannot be read."""
     _, parquet = pyarrow_modules()
     try:
@@ -188,9 +189,7 @@ def read_parquet(path: Path) -> list[Row]:
     # Damaged files raise errors of Arrow, of the system and of several built-in types.
     except Exception as error:  # noqa: BLE001
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InvalidFileError(
-            f"cannot read {path}: {reason}; remove it, and its rows are made again", path=path
-        ) from None
+        raise InvalidFileError(f"cannot read {path}: {reason}; {advice}", path=path) from None
     return rows
 
 
@@ -231,7 +230,7 @@ def _place_of(row: Row, folder: Path) -> tuple[Any, ...]:
     if any(isinstance(value, list | dict) for value in place):
         raise InvalidFileError(
             f"{folder} must have rows with text and numbers; row {row['key']} has a list or a"
-            " mapping in a column of its trial: remove it, and it is made again",
+            " mapping in a column of its trial: restore its file from a copy",
             path=folder,
         )
     return place

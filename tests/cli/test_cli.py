@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,17 @@ import trimesh
 from random_directions import random_directions
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from lis_grasp import GraspSearch, Hand, shapes
+from lis_grasp import GraspSearch, Hand, RunConfig, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidFileError, InvalidHandError, SimulationError
+from lis_grasp.exceptions import (
+    EstimationError,
+    InvalidFileError,
+    InvalidHandError,
+    SimulationError,
+)
 from lis_grasp.exploration.planar_motion import planar_pose
+from lis_grasp.exploration.touch_log import read_log
 from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import OBJECT, Motion
@@ -25,6 +32,8 @@ from lis_grasp.pipeline.run_scene import scene_of
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.visualization._drawing import OBJECT_NODE, Canvas, animate
 from lis_grasp.visualization.hand_layers import draw_motion
+from lis_grasp_studies.harness.rows import TrialResults
+from lis_grasp_studies.study.results import read_parquet
 
 CUBE_AXES = np.vstack([np.eye(3), -np.eye(3)])
 
@@ -385,6 +394,65 @@ def test_misuse_is_one_sentence(line: str, capsys: pytest.CaptureFixture[str]) -
         code = int(end.code or 0)
     captured = capsys.readouterr()
     assert (code, captured.out, captured.err.count("\n")) == (2, "", 1)
+
+
+@pytest.mark.parametrize(
+    ("line", "option"),
+    [
+        ("run box --force-threshold 1 --prober kinematic", "--force-threshold"),
+        ("grasp box.stl --jobs 2", "--jobs"),
+        ("evaluate --quick --report-only --jobs 2", "--jobs"),
+        ("evaluate --quick --report-only --scheduler tcp://x:1", "--scheduler"),
+        ("run box nothing.stl", "nothing.stl"),
+        ("grasp box.stl --friction 1e9", "--friction must be above 0 and at most 100"),
+    ],
+)
+def test_what_would_have_no_effect_or_fail_later_is_refused_before_work(
+    line: str,
+    option: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    shapes.find("box").mesh.export(tmp_path / "box.stl")
+    monkeypatch.chdir(tmp_path)
+    assert option in _misuse(capsys, *line.split(), "--output", "out")
+    assert not [path for path in Path("out").glob("**/*") if path.is_file()]
+
+
+def test_an_object_that_fails_does_not_end_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    done = []
+
+    def run(config: RunConfig, folder: Path, *, fresh: bool) -> None:
+        if config.object == "torus":
+            raise EstimationError("no contact was made")
+        done.append(folder)
+
+    monkeypatch.setattr("lis_grasp.cli.run._run", run)
+    assert main(["run", "torus", "box", "mallet", "--output", str(tmp_path)]) == 1
+    assert done == [tmp_path / "box", tmp_path / "mallet"]
+    message = "torus: no contact was made\nlis-grasp: of 3 objects, 1 failed: torus\n"
+    assert capsys.readouterr().err == message
+
+
+@pytest.mark.parametrize(
+    ("read", "advice"),
+    [
+        (read_log, "restore it"),  # of a real robot, perhaps
+        (read_parquet, "restore it"),  # of an earlier version
+        (lambda path: TrialResults(path, "study").read(), "made again"),
+    ],
+)
+def test_only_what_is_made_again_is_advised_to_be_removed(
+    read: Callable[[Path], object], advice: str, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text('{"touch_log": 1}\nnonsense\n')
+    with pytest.raises(InvalidFileError) as error:
+        read(tmp_path / "file")
+    assert advice in str(error.value)
+    assert ("remove" in str(error.value)) == (advice == "made again")
 
 
 def test_units_of_a_built_in_shape_are_refused(

@@ -33,6 +33,7 @@ pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
         (["--jobs", "2", "--scheduler", "tcp://x:1"], "--jobs"),
         (["--rerun", "abc"], "abc"),
         (["--report-only"], "rows"),
+        (["--report-only", "--jobs", "2"], "--jobs"),
         (["--objects", "no.stl"], "no.stl"),
         (["--objects", "a/box.stl", "b/box.stl"], "box.stl"),
     ],

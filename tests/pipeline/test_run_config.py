@@ -28,7 +28,7 @@ from lis_grasp.pipeline.scenario import workspace
         "until_uncertainty": (0.0, -1.0, np.inf),
         "max_seconds": (0.0, "1"),
         "position_noise": (-1e-3, np.inf, None),
-        "friction": (0.0, np.nan, 1e12),
+        "friction": (0.0, np.nan, 100.1, 1e9),
         "mass": (0.0,),
         "prober": ("kinetic", None),
         "base": ((0.0, 0.0), (0.0, 0.0, np.nan), 1.0),

@@ -3,8 +3,10 @@
 import pytest
 import trimesh
 
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.grasping.grasps import LoadPrior
 from lis_grasp.shapes import default_mass
-from lis_grasp.shapes.object_mass import ycb_masses
+from lis_grasp.shapes.object_mass import require_load, ycb_masses
 
 BRICK = trimesh.creation.box((0.1, 0.1, 0.1))
 
@@ -26,3 +28,11 @@ def test_objects_of_unknown_mass_weigh_200_g_but_are_not_denser_than_aluminium()
 def test_masses_of_the_ycb_set_are_those_of_household_objects() -> None:
     assert len(ycb_masses()) > 50
     assert all(0.005 < mass < 1.5 for mass in ycb_masses().values())
+
+
+@pytest.mark.parametrize("friction", [0.0, 100.1, 1e9, float("nan")])
+def test_friction_is_above_0_and_at_most_100(friction: float) -> None:
+    LoadPrior(friction=100.0)
+    for make in (lambda f: LoadPrior(friction=f), lambda f: require_load(mass=1.0, friction=f)):
+        with pytest.raises(InvalidOptionError, match="^friction must be"):
+            make(friction)

@@ -30,8 +30,7 @@ from pydrake.multibody.tree import (
 )
 from scipy.spatial import ConvexHull, QhullError
 
-from lis_grasp.exceptions import require_positive
-from lis_grasp.shapes.object_mass import USUAL_FRICTION, uniform_inertia
+from lis_grasp.shapes.object_mass import USUAL_FRICTION, require_load, uniform_inertia
 from lis_grasp.typing import FloatArray
 
 _TABLE_SIZE = 1.5  # [m]
@@ -62,7 +61,7 @@ class FreeObject:
     Raises
     ------
     InvalidOptionError
-        If mass or friction is not above 0.
+        If mass or friction is out of range.
     """
 
     support_height: float
@@ -70,7 +69,7 @@ class FreeObject:
     friction: float = 0.5
 
     def __post_init__(self) -> None:
-        require_positive(mass=self.mass, friction=self.friction)
+        require_load(mass=self.mass, friction=self.friction)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
