@@ -30,7 +30,7 @@ from lis_grasp.surfaces import judge_contacts, load_contacts
 from lis_grasp.typing import FloatArray
 
 _NOISE = ("position_noise", "normal_noise")
-_OPTIONS = ("hand", "estimator", "policy", *_NOISE, "obstacles", "seed")
+_OPTIONS = ("hand", "estimator", "policy", *_NOISE, "obstacles", "seed", "keep_all")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -95,9 +95,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Choose the next touch, print it, and write it; or answer requests for touches."""
     before, outcomes, recorded = _read(options.contacts, options.position_noise)
-    before = _credible(before, options)
     place = _place(options, recorded)
     config = _configuration(options, recorded)
+    before = _credible(before, options, keep_all=config.keep_all)
     if options.serve or options.port is not None or options.socket is not None:
         _serve(options, place, config)
         return
@@ -119,16 +119,16 @@ def execute(options: argparse.Namespace) -> None:
     say(f"wrote {path}")
 
 
-def _credible(contacts: Contacts, options: argparse.Namespace) -> Contacts:
+def _credible(contacts: Contacts, options: argparse.Namespace, *, keep_all: bool) -> Contacts:
     """Return contacts without those that the others contradict, which it reports."""
-    if not len(contacts):
+    if keep_all or not len(contacts):
         return contacts
-    noise = options.position_noise, options.normal_noise
-    verdicts = judge_contacts(contacts, position_noise=noise[0], normal_noise=noise[1])
+    verdicts = judge_contacts(contacts, **opt.given(options, *_NOISE))
     if not verdicts.bad.any():
         return contacts
+    credible = verdicts.credible  # raises if too many are bad: nothing was turned then
     say(f"warning: {verdicts.sentence()}")
-    return verdicts.credible
+    return credible
 
 
 def _height(text: str) -> float | str:
@@ -177,6 +177,8 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, config: RunConfig) -
     from lis_grasp.io.request_lines import answer_lines, serve_socket
     from lis_grasp.pipeline.touch_service import TouchService
 
+    if options.output is not None and options.output.suffix.lower() == ".json":
+        raise InvalidOptionError.out_of_range("--output", str(options.output), "a folder")
     source, hand = options.contacts, Hand.load(config.hand)
     folder = options.output or (source or Path()).parent
     resumed = source is not None and source.suffix.lower() == ".jsonl"
@@ -187,7 +189,7 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, config: RunConfig) -
     if source is not None and source.resolve() == (folder / "contacts.ply").resolve():
         message = f"{source} would be replaced: name another folder with --output"
         raise InvalidOptionError(message, option="--output", value=str(folder))
-    facts = {name: getattr(config, name) for name in _OPTIONS}
+    facts = {n: getattr(config, n) for n in _OPTIONS if n != "keep_all" or config.keep_all}
     if place.region is not None:
         facts |= {"region": list(place.region), "pose": STABLE}
     if place.support is not None:

@@ -9,13 +9,7 @@ from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, complain, say, say_search
 from lis_grasp.cli.view import watched
-from lis_grasp.exceptions import (
-    EstimationError,
-    InvalidOptionError,
-    LisGraspError,
-    OutputError,
-    counted,
-)
+from lis_grasp.exceptions import EstimationError, InvalidOptionError, LisGraspError, counted
 from lis_grasp.pipeline.results_folder import results_folder
 from lis_grasp.pipeline.scenario import find_object
 from lis_grasp.pipeline.summary import run_lines
@@ -56,14 +50,12 @@ def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> 
     for name, config, folder in zip(names, configs, folders, strict=True):
         try:
             _run(config, folder, fresh=options.fresh)
-        except OutputError:
-            raise
         except LisGraspError as error:
             failed.append(name)
             complain(f"{name}: {error}")
     if failed:
-        of = counted(len(names), "object")
-        raise EstimationError(f"of {of}, {len(failed)} failed: {', '.join(failed)}")
+        of = f"of {counted(len(names), 'object')}, {len(failed)} failed"
+        raise EstimationError(f"{of}: {', '.join(failed)}")
 
 
 def _run(config: pipeline.RunConfig, folder: Path, *, fresh: bool) -> None:

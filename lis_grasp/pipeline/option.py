@@ -15,7 +15,7 @@ import numpy as np
 from lis_grasp.contacts import FARTHEST
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.plugins import Registry
-from lis_grasp.shapes.object_mass import LARGEST_FRICTION
+from lis_grasp.shapes.object_mass import MOST_FRICTION
 
 Check = Callable[[str, Any], Any]
 """Returns the value to keep of an option's name and value, or raises `InvalidOptionError`."""
@@ -118,9 +118,7 @@ def _within(required: str, is_within: Callable[[Any], bool]) -> Check:
 
 
 POSITIVE = _within("above 0 and finite", lambda value: 0 < value <= _LARGEST)
-FRICTION = _within(
-    f"above 0 and at most {LARGEST_FRICTION:g}", lambda value: 0 < value <= LARGEST_FRICTION
-)
+FRICTION = _within(f"above 0 and at most {MOST_FRICTION:g}", lambda x: 0 < x <= MOST_FRICTION)
 PROBABILITY = _within("above 0 and below 1", lambda value: 0 < value < 1)
 HEIGHT = _within(f"at most {FARTHEST:g} m from 0", lambda value: abs(value) <= FARTHEST)
 FRACTION = _within("above 0 and at most 1", lambda value: 0 < value <= 1)

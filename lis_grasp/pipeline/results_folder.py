@@ -124,8 +124,7 @@ def results_folder(config: RunConfig, named: Path | str | None) -> Path:
     """
     folder = default_output(config) if named is None else Path(named)
     facts = config.facts()
-    advice = "restore it from a copy, or name another `folder`"
-    recorded: dict[str, Any] = read_lines(folder / LOG, advice=advice)[0]
+    recorded: dict[str, Any] = read_lines(folder / LOG, advice="name another `folder`")[0]
     distinguished = facts if named is None else ("object",)
     differing = [n for n in distinguished if n in recorded and recorded[n] != facts[n]]
     if differing:

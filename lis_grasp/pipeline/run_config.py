@@ -232,8 +232,9 @@ class RunConfig(metaclass=Answering):
     )
     cloud: str | None = option(
         None,
-        "contacts known before the first touch, in the object's frame: a point cloud with normals,"
-        " of any format that estimate reads; touches go where it lacks the surface",
+        "contacts known before the first touch, in the frame of the touches, the mesh's unless a"
+        " `pose` file places it on the table: a point cloud with normals, of any format that"
+        " estimate reads; touches go where it lacks the surface",
         TOUCHING,
         metavar="FILE",
     )

@@ -22,7 +22,7 @@ from lis_grasp.geometry import inverse_pose, require_pose
 from lis_grasp.pipeline.known import Known, station_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.robots.hand import Hand
-from lis_grasp.shapes import NAMES, Shape, draw_pose, find, placed
+from lis_grasp.shapes import NAMES, STABLE, UPRIGHT, Shape, draw_pose, find, placed
 from lis_grasp.typing import FloatArray
 
 _PLACE_STREAM = 3  # of random numbers, apart from those of the stages
@@ -173,10 +173,16 @@ def place_object(shape: Shape, config: RunConfig) -> tuple[Shape, FloatArray]:
     """Return an object at its configured pose, and this pose X_WO (4, 4) on the table z = 0.
 
     Without a pose, it stays in its own frame. Raises `InvalidOptionError` if it does not fit into
-    its region.
+    its region, or a cloud cannot show where it is.
     """
     if config.pose is None:
         return shape, np.eye(4)
+    if config.cloud is not None and config.pose in (UPRIGHT, STABLE):
+        raise InvalidOptionError(
+            "a `cloud` needs a known place of the object, and this is drawn at random: give its"
+            " `pose` in a file, with the cloud in the frame of the table, or no pose and no region",
+            option="cloud",
+        )
     rng = np.random.default_rng([config.seed, _PLACE_STREAM])
     X_WO = draw_pose(shape, config.pose, config.region or DEFAULT_REGION, rng=rng)
     return placed(shape, X_WO), X_WO

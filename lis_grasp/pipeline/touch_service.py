@@ -27,6 +27,7 @@ from lis_grasp.exploration import (
 from lis_grasp.grasping.export import moveit_grasps
 from lis_grasp.io import provenance
 from lis_grasp.io.schemas import Number, Vector, first_mistake
+from lis_grasp.io.units import LARGEST
 from lis_grasp.logs.detection import APPROACH_NOISE
 from lis_grasp.pipeline.contact_sources import ContactSource
 from lis_grasp.pipeline.file_stages import estimate_file, grasp_file
@@ -154,6 +155,7 @@ class TouchService:
         reports = bool(request.model_fields_set - {"request", "id"})
         if reports:
             outcome = self._outcome(request)
+            self._require_near(outcome)
             self.log.append(outcome)
             setup = self._setup(Workspace(1.0, np.zeros(3), 1.0))[1]
             self._state, self._touch = advance(setup, self._state, outcome), None
@@ -201,6 +203,22 @@ class TouchService:
         radii = np.array(request.free_radii, dtype=np.float64)
         reason = "reported" if status == "blocked" else ""
         return ProbeOutcome(probe, status, contacts, free, reason=reason, free_radii=radii)
+
+    def _require_near(self, outcome: ProbeOutcome) -> None:
+        """Raise `InvalidInputError` for points in another unit or frame: the log keeps them."""
+        if self.place.region is not None:
+            low, high = Region(self.place.region).bounds
+            margin, where = 0.5 * (high - low), "in the region, or at most half of its lengths away"
+        else:
+            others = np.vstack([self._state.known.points, outcome.probe.target])
+            low, high = others.min(axis=0), others.max(axis=0)
+            margin, where = np.full(3, LARGEST), f"within {LARGEST:g} m of the others and the touch"
+        for points, more in ((outcome.contacts.points, 0.0), (outcome.free_points, LARGEST)):
+            beyond = np.abs(points - 0.5 * (low + high)) > 0.5 * (high - low) + margin + more
+            if beyond.any():
+                far = points[beyond.any(axis=1)][0].tolist()
+                where = f"{where}; one is {far}: nothing was recorded"
+                raise InvalidInputError(f"points must be in metres, {where}")
 
     def _estimate(self) -> dict[str, Any]:
         contacts, path = self._state.known, self.folder / "contacts.ply"

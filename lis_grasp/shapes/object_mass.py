@@ -22,7 +22,7 @@ USUAL_MASS = 0.2
 USUAL_FRICTION = 0.8
 """Coulomb's coefficient of rubber fingertips on an object of which nothing else is known."""
 
-LARGEST_FRICTION = 100.0
+MOST_FRICTION = 100.0
 """Largest Coulomb coefficient that is accepted: far above that of any material."""
 
 LARGEST_DENSITY = 2700.0
@@ -35,8 +35,8 @@ _YCB_NAME = re.compile(r"\d{3}(-[a-z])?_\w+")
 def require_load(*, mass: float, friction: float) -> None:
     """Raise `InvalidOptionError` unless both are above 0, and friction at most 100."""
     require_positive(mass=mass, friction=friction)
-    if friction > LARGEST_FRICTION:
-        required = f"at most {LARGEST_FRICTION:g}"
+    if friction > MOST_FRICTION:
+        required = f"at most {MOST_FRICTION:g}"
         raise InvalidOptionError.out_of_range("friction", friction, required)
 
 

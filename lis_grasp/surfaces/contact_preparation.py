@@ -156,8 +156,9 @@ def repaired(contacts: Contacts, codes: IndexArray) -> Contacts:
     if bad > _MOST_BAD * len(contacts):
         raise TooManyBadContactsError(
             f"{bad} of {len(contacts)} contacts contradict the others, too many to know which are"
-            " true: if the signs of normals are unknown, give `normals` unsigned or the place of"
-            " the sensor, `viewpoint` X Y Z; if all contacts are right, `keep_all` believes them",
+            " true: if the signs of normals are unknown, load them with `normals` unsigned or the"
+            " place of the sensor, `viewpoint` X Y Z (lis-grasp estimate, load_contacts); if all"
+            " contacts are right, `keep_all` believes them",
             bad=bad,
             count=len(contacts),
         )

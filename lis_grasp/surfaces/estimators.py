@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, cast
 
@@ -105,6 +105,7 @@ def estimate(
     free_space: bool = True,
     margin: float = 0.0,
     table: float | None = None,
+    keep_all: bool = False,
     **options: Any,
 ) -> ImplicitSurface:
     """Estimate the surface of an object from contacts.
@@ -123,6 +124,8 @@ def estimate(
     table
         Height of the table on which the object stands [m]; None for none. It closes the estimate
         from below, and walls that were touched near it go on down to it.
+    keep_all
+        Whether all contacts are believed, those that the others contradict too.
     options
         Those of the estimator: keywords of its `from_contacts`, such as ``position_noise`` [m]
         and ``normal_noise`` [rad].
@@ -154,6 +157,7 @@ def estimate(
         raise TypeError(f"estimate with {estimator} has no option '{name}'{nearest}")
     if contacts.extent > LARGEST:
         note(f"contacts are in metres, and these are {contacts.extent:.3g} m apart: check the unit")
+    contacts = replace(contacts, judged=True) if keep_all else contacts
     known = contacts if table is None else standing_on(judge_contacts(contacts).credible, table)
     surface = make(known, **options)
     if free_space:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,9 +16,11 @@ from lis_grasp.exploration import (
     ProbeOutcome,
     Region,
     TactileSensor,
+    begin,
     explore,
 )
 from lis_grasp.exploration.extent import ends_of, extent_probe, open_ends, unseen_ends
+from lis_grasp.exploration.loop import choose
 from lis_grasp.pipeline.stages import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
@@ -166,4 +169,12 @@ def test_a_stop_rule_waits_for_the_ends_and_the_reason_names_them() -> None:
     ended = explore(KinematicProber(Hand.load("allegro"), bar), setup, rng=1)
     assert ended.ended == "at once"
     assert np.ptp(ended.contacts.points[:, 0]) > 0.23
-    assert "not found: the end beyond" in explored(bar, 1, touches=2).ended
+    found = explored(bar, 1, touches=2)
+    assert "not found: the end beyond" in found.ended
+    missed = ProbeOutcome(Probe(5.0 * UP, -UP, 0.1, 0.05), "missed")  # before the first contact
+    space = Region(tip_radius=0.004)
+    nothing_left = SimpleNamespace(next_probe=lambda *_, **__: None)
+    for count, ended in ((0, "the policy has no probe left; not"), (32, "34 probes made; not")):
+        setup = ExplorationSetup(nothing_left, ESTIMATORS["gpis"], 3, space)
+        state = begin(setup, [missed] * count + list(found.outcomes))
+        assert str(choose(setup, state, rng=np.random.default_rng(0))).startswith(ended)

@@ -8,13 +8,14 @@ import pytest
 import trimesh
 from scenes import Told
 
+from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, TooManyBadContactsError
 from lis_grasp.pipeline import ContactSource, RunConfig, Scenario, estimate_file, grasp_file
 from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.pipeline.run_scene import scene_of
 from lis_grasp.pipeline.stages import exploration_setup
-from lis_grasp.surfaces import judge_contacts
+from lis_grasp.surfaces import estimate, judge_contacts
 
 BOX = trimesh.creation.box(extents=[0.06, 0.05, 0.04])
 FLIPPED, STRAY = 7, 20
@@ -98,7 +99,9 @@ def test_a_table_that_is_unknown_or_inside_the_mesh_is_warned_of(
     assert all(warning in line for line in warnings)
 
 
-def test_half_flipped_normals_are_refused_and_oriented_on_request(touches: Path) -> None:
+def test_half_flipped_normals_are_refused_oriented_or_believed_on_request(
+    touches: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     contacts = Contacts.load(touches)
     contacts = contacts.subset(np.arange(60) != STRAY)
     signs = np.where(np.random.default_rng(0).random(59) < 0.5, -1.0, 1.0)[:, None]
@@ -108,6 +111,15 @@ def test_half_flipped_normals_are_refused_and_oriented_on_request(touches: Path)
     source = ContactSource(touches, normals="unsigned")
     made = estimate_file([source], touches.parent / "out")
     np.testing.assert_allclose(1e3 * made.mesh.extents, [60.0, 50.0, 40.0], atol=0.2)
+    replace(contacts, normals=signs * contacts.normals).save(touches)
+    command = ["next", str(touches), "--hand", "wsg50", "--estimator", "gpis"]
+    assert main(command) == 1
+    refused = capsys.readouterr()
+    assert (refused.out, "--keep-all" in refused.err) == ("", True)
+    assert main([*command, "--keep-all"]) == 0
+    with pytest.raises(TooManyBadContactsError, match="keep_all"):
+        estimate(Contacts.load(touches), "gpis")
+    assert estimate(Contacts.load(touches), "gpis", keep_all=True).bounds.shape == (2, 3)
     away = ContactSource(touches, viewpoint=[0.0, 0.0, 1.0])
     with pytest.raises(InvalidContactsError, match="viewpoint must see the contacts"):
         estimate_file([away], touches.parent / "view")  # a closed object is not seen from there

@@ -14,7 +14,7 @@ from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import TactileSensor, load_outcomes
 from lis_grasp.io.surface_files import load_surface
-from lis_grasp.pipeline import ContactSource, RunConfig
+from lis_grasp.pipeline import ContactSource, RunConfig, Scenario
 from lis_grasp.pipeline.contact_sources import join_sources, load_source
 from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.pipeline.stages import make_estimator
@@ -158,6 +158,22 @@ def test_a_cloud_of_other_content_starts_from_the_beginning(
     box_cloud(1400, top=True).save(upper_half)
     assert main(options) == 0
     assert "starting from the beginning: cloud.ply was edited" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "place", [["--unknown"], ["--region", "1", "1", "1"], ["--pose", "upright"]]
+)
+def test_a_cloud_of_an_object_at_a_random_place_is_refused(
+    upper_half: Path, tmp_path: Path, place: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "out"
+    command = ["run", "box", "--cloud", str(upper_half), *place, "--output", str(output)]
+    assert main(command) == 2
+    assert "drawn at random" in capsys.readouterr().err
+    assert not (output / "touches.jsonl").exists()
+    np.savetxt(tmp_path / "pose.txt", np.eye(4))  # its place is known
+    config = RunConfig("box", cloud=str(upper_half), pose=str(tmp_path / "pose.txt"))
+    assert Scenario.from_config(config).known.cloud == str(upper_half)
 
 
 def test_a_missing_cloud_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:

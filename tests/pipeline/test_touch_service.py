@@ -118,6 +118,22 @@ def test_a_wrong_request_changes_nothing(tmp_path: Path, request_: dict[str, Any
     assert service.answer({}) == touch
 
 
+@pytest.mark.parametrize("place", [PLACE, ObjectPlace(region=(0.4, 0.4, 0.3))])
+@pytest.mark.parametrize("key", ["points", "free_points"])
+def test_points_in_millimetres_are_refused_before_the_log(
+    tmp_path: Path, place: ObjectPlace, key: str
+) -> None:
+    service = _service(tmp_path, place=place)
+    touch = service.answer({})
+    report = {"status": "touched" if key == "points" else "missed"}
+    with pytest.raises(InvalidInputError, match="must be in metres"):
+        service.answer({**report, key: [[30.0, 0.0, 30.0]]})
+    assert not list(tmp_path.iterdir())
+    assert service.answer({}) == touch
+    service.answer({**report, key: [[0.03, 0.0, 0.03]]})
+    assert len(load_outcomes(service.log.path)) == 1
+
+
 def test_the_command_answers_on_its_streams_and_keeps_what_is_there(tmp_path: Path) -> None:
     options = ["--hand", "wsg50", "--size", "0.12", "--support", "-0.06"]
     command = [sys.executable, "-m", "lis_grasp.cli.main", "next", "--serve", *options]
@@ -130,5 +146,7 @@ def test_the_command_answers_on_its_streams_and_keeps_what_is_there(tmp_path: Pa
     assert len(load_outcomes(tmp_path / "touches.jsonl")) == 1
     assert "ready" in done.stderr
     assert main(["next", "--serve", *options, "--output", str(tmp_path)]) == 2
+    assert main(["next", "--serve", *options, "--output", str(tmp_path / "x.json")]) == 2
+    assert not (tmp_path / "x.json").exists()
     Contacts([[0.0, 0.0, 0.06]], [[0.0, 0.0, 1.0]]).save(tmp_path / "own" / "contacts.ply")
     assert main(["next", str(tmp_path / "own" / "contacts.ply"), "--serve", *options]) == 2
