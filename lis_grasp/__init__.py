@@ -78,6 +78,7 @@ def _advice(name: str) -> str:
     """Return what a guessed name should be, as the end of a message."""
     if name.startswith("__"):
         return ""
+    from importlib import import_module
     from importlib.util import find_spec
 
     from lis_grasp.exceptions import nearest_of
@@ -88,4 +89,7 @@ def _advice(name: str) -> str:
         return ADVICE[name.lower()]
     if find_spec(f"lis_grasp.{name}") is not None:
         return f": write import lis_grasp.{name}"
+    for room in ("surfaces", "pipeline", "exploration", "grasping", "evaluation"):
+        if name in dir(import_module(f"lis_grasp.{room}")):
+            return f": write lis_grasp.{room}.{name}"
     return nearest_of(name, __all__)

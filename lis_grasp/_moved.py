@@ -83,7 +83,7 @@ ADVICE = {
         "estimator estimators register_estimator": "surfaces.ESTIMATORS, or 'my.module:Class'",
         "policies policy": "exploration.POLICIES, or 'my.module:Class'",
         "contacts.concatenate": "append(contacts)",
-        "contacts.positions": "points",
+        "contacts.positions contacts.xyz": "points",
         "grasp.contacts": "contact_points",
         "grasp.score": "epsilon or success_probability",
         "contacts.from_arrays contacts.from_points": (

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from lis_grasp._moved import ADVICE
+from lis_grasp.exceptions import nearest_of
 
 # Entries of an array that are shown; of longer ones the shape is.
 _SHOWN = 4
@@ -48,10 +49,24 @@ Record.__getattr__ = _refuse  # type: ignore[attr-defined]
 
 
 class Answering(type):
-    """Metaclass of classes that answer a guessed class method too."""
+    """Metaclass of dataclasses that answer a guessed class method, or field of a call, too."""
+
+
+def _make(cls: Any, *args: Any, **values: Any) -> Any:
+    """Make an item of a class, with advice in the error of a wrong call."""
+    try:
+        return type.__call__(cls, *args, **values)
+    except TypeError as error:
+        if f"{cls.__name__}.__init__()" not in str(error):
+            raise
+        names, call = [item.name for item in fields(cls)], f"{cls.__name__}.from_file".lower()
+        nearest = (nearest_of(name, names) for name in values if name not in names)
+        advice = next(nearest, ADVICE.get(call, ""))
+        raise TypeError(f"{error}{advice}") from None
 
 
 Answering.__getattr__ = _refuse  # type: ignore[attr-defined]
+Answering.__call__ = _make  # type: ignore[assignment, method-assign]
 
 
 class FrozenArrays:

@@ -1,6 +1,7 @@
 """What a newcomer writes with completion alone: calls work, or a sentence names the right one."""
 
 import re
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
@@ -281,6 +282,7 @@ def test_a_name_stands_for_an_object_or_is_answered() -> None:
         ("load_run", r"Run\.load\(folder\)"),
         ("HANDS", r"Hand\.load\('allegro'\)"),
         ("ESTIMATORS", r"surfaces\.ESTIMATORS"),
+        ("judge_contacts", r"write lis_grasp\.surfaces\.judge_contacts"),
     ],
 )
 def test_a_guessed_name_is_answered(
@@ -296,6 +298,7 @@ def test_a_guessed_member_is_answered(gripper: Hand, box: trimesh.Trimesh) -> No
     grasp = lis_grasp.plan(box, gripper, grasps=1).best
     for owner, name, advice in (
         (CONTACTS, "positions", "write points"),
+        (CONTACTS, "xyz", "write points"),
         (surface, "sdf", "write evaluate(points)"),
         (surface, "to_mesh", "write extract_mesh(surface)"),
         (grasp, "contacts", "write contact_points"),
@@ -321,6 +324,21 @@ def test_a_guessed_class_method_is_answered(owner: type, name: str, advice: str)
         getattr(owner, name)
     with pytest.raises(AttributeError, match=f"'{owner.__name__}' has no attribute '_{name}'"):
         getattr(owner, f"_{name}")
+
+
+@pytest.mark.parametrize(
+    ("call", "advice"),
+    [
+        (lambda: lis_grasp.Run("folder"), "write Run.load('folder')"),
+        (lambda: RunConfig(touhces=3), "did you mean 'touches'?"),
+        (lambda: lis_grasp.Shape("box"), "write shapes.load(path), or shapes.build(name)"),
+        (lambda: Contacts("contacts.csv"), "write load_contacts(path)"),
+        (lambda: lis_grasp.extract_mesh(3), "such as estimate(contacts); it is of type int"),
+    ],
+)
+def test_a_wrong_call_is_answered(call: Callable[[], object], advice: str) -> None:
+    with pytest.raises(TypeError, match=re.escape(advice)):
+        call()
 
 
 def _resolved(dotted: str) -> object:

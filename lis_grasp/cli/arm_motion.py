@@ -26,7 +26,7 @@ from lis_grasp.pipeline.file_stages import recorded_base
 from lis_grasp.pipeline.known import base_at, find_obstacles
 from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.summary import rejection_sentence
+from lis_grasp.pipeline.summary import REJECTIONS
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import ARM_NAMES
@@ -107,9 +107,10 @@ def _first_motion(
             if not isinstance(motion, str):
                 return rank, station, motion
             reasons[motion] += 1
+    most = reasons.most_common(1)[0][0]
     raise LisGraspError(
         f"arm {stations[0].arm.name} has no motion for {len(grasps)} grasps, mostly because"
-        f" {rejection_sentence(reasons.most_common(1)[0][0])}; plan grasps within its reach"
+        f" {REJECTIONS.get(most, most)}; plan grasps within its reach"
     )
 
 

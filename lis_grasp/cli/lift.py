@@ -8,7 +8,7 @@ from pathlib import Path
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, say
 from lis_grasp.pipeline.file_stages import lift_file
-from lis_grasp.pipeline.summary import lift_sentence
+from lis_grasp.pipeline.summary import LIFT_REASONS
 
 _OPTIONS = ("arm", "base", "mass", "friction", "simulator")
 
@@ -34,6 +34,6 @@ def execute(options: argparse.Namespace) -> None:
     say(f"held {held} of {len(made.lifts)} grasps, {made.mass:.3g} kg")
     for reason in dict.fromkeys(lift["reason"] for lift in made.lifts if not lift["held"]):
         ranks = ", ".join(str(lift["rank"]) for lift in made.lifts if lift["reason"] == reason)
-        say(f"grasp {ranks} not held: {lift_sentence(reason)}")
+        say(f"grasp {ranks} not held: {LIFT_REASONS.get(reason, reason)}")
     say(f"wrote {made.path}")
     say(f"next: lis-grasp view {made.path.parent}")

@@ -156,12 +156,12 @@ def say_search(search: GraspSearch) -> None:
             f" {fingers}"
         )
         return
-    from lis_grasp.pipeline.summary import rejection_sentence
+    from lis_grasp.pipeline.summary import REJECTIONS
 
     say("no grasp found; rejected candidates by reason:")
     for reason, count in sorted(search.rejections.items(), key=lambda item: -item[1]):
         if count:
-            say(f"  {count:6d}  {rejection_sentence(reason)} ({reason})")
+            say(f"  {count:6d}  {REJECTIONS.get(reason, reason)} ({reason})")
 
 
 def say_findings(findings: Iterable[Finding]) -> None:

@@ -48,6 +48,10 @@ def first_mistake(invalid: ValidationError, known: Iterable[str] = ()) -> tuple[
     key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in place).lstrip(".")
     if first["type"] == "missing":
         return key, f"is missing{_misspelt(errors, first['loc'][:-1])}"
+    if first["type"].startswith("union_tag"):  # the key that says which record it is
+        tag, choices = (first["ctx"].get(n, "") for n in ("tag", "expected_tags"))
+        key += f".{first['ctx']['discriminator']}".replace("'", "")
+        return key, f"must be one of {choices}; it is {shown(tag)}" if choices else "is missing"
     if first["type"] == "extra_forbidden":
         return key, f"is an unknown key{nearest_of(place[-1], known)}"
     reason = re.sub(r"^\w+ should", "must", first["msg"].removeprefix("Value error, "))

@@ -77,6 +77,9 @@ def extract_mesh(
     >>> mesh.is_watertight
     True
     """
+    if not hasattr(surface, "evaluate"):
+        required = "surface must be an ImplicitSurface, such as estimate(contacts)"
+        raise TypeError(f"{required}; it is of type {type(surface).__name__}")
     box = _checked_bounds(surface.bounds if bounds is None else bounds)
     grid = _checked_grid(box, resolution)
     field = Field(surface)

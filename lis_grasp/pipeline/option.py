@@ -121,6 +121,7 @@ POSITIVE = _within("above 0 and finite", lambda value: 0 < value <= _LARGEST)
 FRICTION = _within(f"above 0 and at most {MOST_FRICTION:g}", lambda x: 0 < x <= MOST_FRICTION)
 PROBABILITY = _within("above 0 and below 1", lambda value: 0 < value < 1)
 HEIGHT = _within(f"at most {FARTHEST:g} m from 0", lambda value: abs(value) <= FARTHEST)
+NOT_LARGE = _within("at least 0 and at most 1 m", lambda value: 0 <= value <= 1)
 FRACTION = _within("above 0 and at most 1", lambda value: 0 < value <= 1)
 
 

@@ -18,6 +18,7 @@ from lis_grasp.pipeline.conditions import REAL_SENSOR
 from lis_grasp.pipeline.option import (
     FRACTION,
     FRICTION,
+    NOT_LARGE,
     POSITIVE,
     PROBABILITY,
     at_least,
@@ -77,7 +78,8 @@ GRASPING, ARM = "grasp and lift", "arm"
 def _noise(help: str, name: str, metavar: str, words_else: str = "") -> Any:
     words = f"{REAL_SENSOR[name]:.3g}; 0 with --known or --ideal"
     declared = {"metavar": metavar, "words": words, "words_else": words_else}
-    return option(0.0, help, SENSOR, check=at_least(0), **declared)
+    check = NOT_LARGE if metavar == "METRES" else at_least(0)
+    return option(0.0, help, SENSOR, check=check, **declared)
 
 
 def _find_model(find: Callable[[str], object]) -> Callable[[str], object]:

@@ -81,7 +81,8 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
     else:
         lifted = "lifted, but not held" if lift["lifted"] else "not held"
         no_grasp = lift["reason"] == "no_grasp"
-        why = no_grasp_sentence(grasps["rejections"]) if no_grasp else lift_sentence(lift["reason"])
+        why = LIFT_REASONS.get(lift["reason"], lift["reason"])  # a later version's as it is
+        why = no_grasp_sentence(grasps["rejections"]) if no_grasp else why
         lines.append(f"{lifted}: {why}")
     if "arm" in report:
         lines.append(_arm_line(report))
@@ -136,7 +137,7 @@ def _arm_line(report: Mapping[str, Any]) -> str:
 LIFT_REASONS: Mapping[str, str] = MappingProxyType(
     {
         "held": "the object was lifted and held through the shake",
-        "no_grasp": "no grasp was found on the estimate",
+        "no_grasp": "no grasp was found",
         "unstable": "the object does not rest on the table by itself: turn its mesh so that it"
         " rests on a face",
         "collision_on_approach": "the opened hand hit the object during the approach: the"
@@ -172,9 +173,10 @@ LIFT_REASONS: Mapping[str, str] = MappingProxyType(
 
 REJECTIONS: Mapping[str, str] = MappingProxyType(
     {
-        "lower_than_fingertips": "the object is lower than this hand can pinch: its round"
-        " fingertips, on the table, would press on the upper edge from above; take a hand with"
-        " flat or thinner fingertips, or turn the object so that it is higher",
+        "lower_than_fingertips": "the object is lower than this hand can pinch: its"
+        " fingertips, on the table (`support`), would press on the upper edge from above, or be"
+        " above it; take a hand with flat or thinner fingertips, or turn the object so that it is"
+        " higher",
         "steep": "all reachable surface faces up or down, so that no opposed pair is beside the"
         " hand: the object is flat or low there, so turn its mesh to stand"
         " higher",
@@ -224,11 +226,6 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
 """A sentence for every reason of rejection in `GraspSearch.rejections`."""
 
 
-def lift_sentence(reason: str) -> str:
-    """Return what a lift's reason means and what to do; the code itself where it is unknown."""
-    return LIFT_REASONS.get(reason, reason)
-
-
 def lesson_sentence(lesson: Mapping[str, Any]) -> str:
     """Return what a failed attempt taught, the fields of a `Lesson`."""
     felt, touched, probes = lesson["felt"], lesson["touched"], lesson["probes"]
@@ -247,10 +244,5 @@ def no_grasp_sentence(rejections: Mapping[str, int]) -> str:
     part = 100.0 * counts[most] / sum(counts.values())
     return (
         f"{LIFT_REASONS['no_grasp']}; of the rejected candidates, {part:.0f} % because"
-        f" {rejection_sentence(most)}"
+        f" {REJECTIONS.get(most, most)}"
     )
-
-
-def rejection_sentence(reason: str) -> str:
-    """Return why a grasp candidate was rejected; the code itself where it is unknown."""
-    return REJECTIONS.get(reason, reason)

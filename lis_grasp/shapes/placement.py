@@ -139,11 +139,11 @@ def _load_pose(path: Path) -> FloatArray:
             f" numbers; {path} is none",
             path=path,
         )
-    advice = "write four rows of four numbers, a rotation and a place [m]"
+    advice = "write four rows of four finite numbers, a rotation and a place [m]"
     with reading(path, "a pose", most=MEBIBYTE, advice=advice):
         pose = np.loadtxt(path, ndmin=2)
         if pose.shape != (4, 4) or not np.isfinite(pose).all():
-            raise ReadError(f"it has an array {pose.shape}")
+            raise ReadError(f"its numbers of shape {pose.shape} are no 4 x 4 finite ones")
         rotation = pose[:3, :3]
         off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
         if off > _ROTATION_ERROR or np.linalg.det(rotation) < 0.0:

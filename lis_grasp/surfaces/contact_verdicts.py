@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError, InvalidContactsError
+from lis_grasp.exceptions import EstimationError, InvalidContactsError, shown
 from lis_grasp.records import read_only, short_repr
 from lis_grasp.surfaces._contact_noise import noise_of
 from lis_grasp.surfaces._contradictions import (
@@ -208,7 +208,7 @@ def orient_normals(
         if places.shape not in ((3,), contacts.points.shape) or not np.isfinite(places).all():
             raise InvalidContactsError(
                 f"viewpoint must be 3 finite numbers, or as many rows of 3 as there are contacts"
-                f" ({len(contacts)}); it has shape {places.shape}",
+                f" ({len(contacts)}); it is {shown(viewpoint)}",
                 field="viewpoint",
             )
         towards = np.sum((places - contacts.points) * contacts.normals, axis=1)

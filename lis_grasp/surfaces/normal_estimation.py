@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError, InvalidContactsError
+from lis_grasp.exceptions import EstimationError, InvalidContactsError, shown
 from lis_grasp.geometry import angle_between
 from lis_grasp.surfaces._contact_noise import mean_where_unknown
 from lis_grasp.surfaces._normal_posterior import EstimatedNormals, NormalPosterior
@@ -135,8 +135,8 @@ def _directions(approach: npt.ArrayLike | None, count: int) -> FloatArray:
     vectors = np.asarray(approach, dtype=np.float64)
     if vectors.shape != (count, 3) or not np.all(np.isfinite(vectors)):
         raise InvalidContactsError(
-            f"approach must be {count} finite directions, shape ({count}, 3); it has shape"
-            f" {vectors.shape}: give one direction of motion for each point, zeros where unknown"
+            f"approach must be {count} finite directions, shape ({count}, 3); it is"
+            f" {shown(approach)}: give one direction of motion for each point, zeros where unknown"
         )
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0)

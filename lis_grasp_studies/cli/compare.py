@@ -123,7 +123,7 @@ def execute(options: argparse.Namespace) -> None:
         return
     require_no_workers(options)
     scheduler = scheduler_of(options)
-    study = Study.from_facts(_facts(options))
+    study = _study(options)
     if options.report_only:
         rows = results.alike(study)
         if not rows:
@@ -208,6 +208,19 @@ def _facts(options: argparse.Namespace) -> dict[str, Any]:
     return facts
 
 
+def _study(options: argparse.Namespace) -> Study:
+    """Return the study; an error names the file, unless the value is one of the command line."""
+    from lis_grasp_studies.study.study import Study
+
+    facts, described = _facts(options), _study_file(options)
+    try:
+        return Study.from_facts(facts)
+    except InvalidOptionError as error:
+        if described is None or getattr(options, str(error.option), None) is not None:
+            raise
+        raise InvalidOptionError(f"{described}: {error}", option=error.option) from None
+
+
 def _study_file(options: argparse.Namespace) -> Path | None:
     """Return the file of the study: the one that is named, or that of the rows to report on."""
     own = (options.output or _OUTPUT) / "study.yaml"
@@ -221,10 +234,9 @@ def _study_file(options: argparse.Namespace) -> Path | None:
 def _rerun(results: StudyResults, options: argparse.Namespace) -> None:
     from lis_grasp_studies.study.results import job_of, without_times
     from lis_grasp_studies.study.run import run_trial
-    from lis_grasp_studies.study.study import Study
 
     recorded = results.row(options.rerun)
-    study = Study.from_facts(_facts(options))
+    study = _study(options)
     files = [*study.objects, *study.hands]
     if options.meshes is not None:  # files of a recorded study.yaml have absolute paths
         files.append(str((options.meshes / recorded["object"]).absolute()))

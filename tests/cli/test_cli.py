@@ -357,6 +357,37 @@ def test_a_mistake_is_answered_with_its_cure(
     assert cure.format(tmp_path) in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("line", "content", "said"),
+    [
+        (
+            "estimate {} --viewpoint 0 0 nan",
+            "x,y,z,nx,ny,nz\n1,0,0,1,0,0\n",
+            "it is [0.0, 0.0, nan]",
+        ),
+        ("explore box --pose {}", "1 0 0 nan\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", "4 x 4 finite"),
+        ("explore box --taxel-pitch 1e9 --output {}", "", "--taxel-pitch must be at least 0 and"),
+        ("evaluate {}", "parts: {a: {measure: b}}", "a.measure must be one of 'grasps'"),
+        ("evaluate {}", "parts: {a: {title: b}}", "parts.a.measure is missing"),
+        ("compare --study {}", "parts: [x]", "study.yaml: each key"),
+        ("compare --study {}", "touches: [-1]", "study.yaml: touches, entry 0,"),
+        ("compare --study {} --touches 0", "touches: [-1]", "lis-grasp: --touches, entry 0,"),
+    ],
+)
+def test_a_wrong_value_is_named_with_its_true_reason(
+    line: str,
+    content: str,
+    said: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / ("study.yaml" if content.startswith(("parts", "touches")) else "file.csv")
+    path.write_text(content)
+    assert said in _misuse(capsys, *(word.format(path) for word in line.split()))
+
+
 def test_objects_that_are_missing_are_named_once(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["run"])

@@ -15,7 +15,6 @@ from lis_grasp.pipeline.summary import (
     REJECTIONS,
     exploration_lines,
     headline,
-    lift_sentence,
     run_lines,
 )
 from lis_grasp.robots.hand import Hand
@@ -80,7 +79,7 @@ def test_a_low_overlap_of_volumes_is_named_and_a_high_one_is_not() -> None:
 @pytest.mark.parametrize("reason", [reason for reason in LIFT_REASONS if reason != "held"])
 def test_a_lift_that_failed_ends_in_a_sentence_without_its_code(reason: str) -> None:
     last = run_lines(report(iou=0.9, reason=reason))[-1]
-    assert lift_sentence(reason) in last
+    assert LIFT_REASONS[reason] in last
     assert "_" not in last
     made = report(iou=0.9, reason=reason) | {"touches": 9}
     made["attempts"][-1]["success_probability"] = None
