@@ -66,6 +66,16 @@ def rotate(X_AB: FloatArray, vectors: npt.ArrayLike) -> FloatArray:
     return np.asarray(np.asarray(vectors) @ np.swapaxes(X_AB[..., :3, :3], -1, -2))
 
 
+def rotate_back(X_AB: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Return along B's axes the directions (..., 3) along A's, for one pose (4, 4)."""
+    return np.asarray(vectors @ X_AB[:3, :3])
+
+
+def relative_rotation(X_AB: FloatArray, X_AC: FloatArray) -> FloatArray:
+    """Return the rotation R_BC (3, 3) of frame C in B, of their poses (4, 4) in A."""
+    return np.asarray(X_AB[:3, :3].T @ X_AC[:3, :3])
+
+
 def inverse_pose(X_AB: FloatArray) -> FloatArray:
     """Return the poses X_BA of shape (..., 4, 4).
 

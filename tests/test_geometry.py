@@ -18,8 +18,10 @@ from lis_grasp.geometry import (
     frame_along,
     inverse_pose,
     make_pose,
+    relative_rotation,
     require_pose,
     rotate,
+    rotate_back,
     tangent_frame,
     unit,
 )
@@ -182,3 +184,12 @@ def test_a_required_pose_is_a_copy_that_cannot_be_changed(rng: np.random.Generat
     np.testing.assert_array_equal(pose, X)
     assert not pose.flags.writeable
     assert X.flags.writeable
+
+
+def test_directions_turned_back_and_relative_rotations_undo_poses() -> None:
+    rng = np.random.default_rng(0)
+    X, Y = make_pose(Rotation.random(2, random_state=0).as_matrix(), rng.normal(size=(2, 3)))
+    vectors = rng.normal(size=(5, 3))
+    # Sums of three products of numbers of about 1.
+    np.testing.assert_allclose(rotate_back(X, rotate(X, vectors)), vectors, atol=1e-14)
+    np.testing.assert_allclose(relative_rotation(X, X @ Y), Y[:3, :3], atol=1e-14)

@@ -96,7 +96,9 @@ def execute(options: argparse.Namespace) -> None:
     """Choose the next touch, print it, and write it; or answer requests for touches."""
     before, outcomes, recorded = _read(options.contacts, options.position_noise)
     place = _place(options, recorded)
-    config = _configuration(options, recorded)
+    # In a configuration, size is that of a built-in shape, and a region needs a true pose.
+    config = RunConfig.from_facts({**vars(options), "size": None, "region": None}, recorded)
+    config = replace(config, arm=None, base=None)  # the robot carries the hand as it can
     before = _credible(before, options, keep_all=config.keep_all)
     if options.serve or options.port is not None or options.socket is not None:
         _serve(options, place, config)
@@ -146,12 +148,6 @@ def _place(options: argparse.Namespace, recorded: dict[str, Any]) -> ObjectPlace
     support = recorded.get("support_height") if options.support is None else options.support
     held = support == "none"
     return ObjectPlace(options.center, options.size, None if held else support, held, region)
-
-
-def _configuration(options: argparse.Namespace, recorded: dict[str, Any]) -> RunConfig:
-    # In a configuration, size is that of a built-in shape, and a region needs a true pose.
-    config = RunConfig.from_facts({**vars(options), "size": None, "region": None}, recorded)
-    return replace(config, arm=None, base=None)  # the robot carries the hand as it can
 
 
 def _read(

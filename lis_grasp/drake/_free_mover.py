@@ -17,7 +17,7 @@ from lis_grasp.drake._ports import LEVER, HandMotion, rigid
 from lis_grasp.exploration.probe_motions import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.exploration.states import NextProbe
 from lis_grasp.exploration.workspace import Workspace
-from lis_grasp.geometry import apply_pose, inverse_pose, make_pose
+from lis_grasp.geometry import apply_pose, inverse_pose, make_pose, relative_rotation
 from lis_grasp.lifting.wrist_path import minimum_jerk
 from lis_grasp.probing.course import Course, path_back, path_out
 from lis_grasp.probing.probe_planner import NO_ARM_TRANSIT, ProbePlanner, home_of, transit_radii
@@ -168,13 +168,13 @@ def _is_free(
 
 def _distance(X: FloatArray, Y: FloatArray) -> float:
     """Return the motion between two poses [m], a turn at a lever."""
-    turn = Rotation.from_matrix(X[:3, :3].T @ Y[:3, :3]).magnitude()
+    turn = Rotation.from_matrix(relative_rotation(X, Y)).magnitude()
     return max(float(np.linalg.norm(Y[:3, 3] - X[:3, 3])), LEVER * float(turn))
 
 
 def _between(X: FloatArray, Y: FloatArray, part: float) -> FloatArray:
     """Return the pose at a part of the straight way from X to Y, turning evenly."""
-    turn = Rotation.from_matrix(X[:3, :3].T @ Y[:3, :3]).as_rotvec()
+    turn = Rotation.from_matrix(relative_rotation(X, Y)).as_rotvec()
     R = X[:3, :3] @ Rotation.from_rotvec(part * turn).as_matrix()
     return make_pose(R, X[:3, 3] + part * (Y[:3, 3] - X[:3, 3]))
 

@@ -178,7 +178,8 @@ def search_probe(
     tried = [outcome.probe for outcome in outcomes]
     best, best_value = None, 0.0
     for probe in _candidates(region):
-        if any(_same(probe, other) for other in tried):
+        same = (other for other in tried if np.array_equal(probe.target, other.target))
+        if any(float(probe.direction @ other.direction) > 0.999 for other in same):
             continue
         value = belief.met_by(probe, region.tip_radius) / _seconds(region, probe)
         value *= 1.0 + _RANDOM * rng.random()
@@ -240,8 +241,3 @@ def _seconds(region: Region, probe: Probe) -> float:
     length = probe.standoff + probe.overshoot
     down = max(region.lengths[2] - float(probe.start[2]), 0.0)
     return length / PROBE_SPEED + (2.0 * down + length) / TRANSIT_SPEED
-
-
-def _same(probe: Probe, other: Probe) -> bool:
-    along = float(probe.direction @ other.direction)
-    return np.array_equal(probe.target, other.target) and along > 0.999

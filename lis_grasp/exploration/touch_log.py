@@ -105,7 +105,8 @@ def _row(outcome: ProbeOutcome) -> Row:
     row |= {name: getattr(outcome, name) for name in ("status", "reason", "duration", "moved")}
     row |= {name: getattr(contacts, name) for name in names}
     # None where the noise of one is unknown; nothing if that of all is.
-    row |= {name: _none_for_nan(values) for name, values in noise.items() if values is not None}
+    known = {name: values.tolist() for name, values in noise.items() if values is not None}
+    row |= {name: [None if np.isnan(x) else x for x in values] for name, values in known.items()}
     row |= {"free_points": outcome.free_points, "free_radii": outcome.free_radii}
     row |= {"X_OH": None, "joint_positions": None} if hand_pose is None else fields_of(hand_pose)
     row |= {"dropped": outcome.dropped} if len(outcome.dropped) else {}
@@ -152,10 +153,6 @@ def _outcome(row: TouchEntry) -> ProbeOutcome:
         None if tracked is None else PoseBelief.from_dict(tracked.model_dump()),
         _rows(row.dropped),
     )
-
-
-def _none_for_nan(values: FloatArray) -> list[float | None]:
-    return [None if np.isnan(value) else float(value) for value in values]
 
 
 def _array(values: Sequence[Any] | None) -> FloatArray | None:

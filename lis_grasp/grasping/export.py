@@ -12,7 +12,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import needed_package
-from lis_grasp.geometry import inverse_pose
+from lis_grasp.geometry import inverse_pose, rotate_back
 from lis_grasp.grasping._candidate_filter import LIFT, STANDOFF
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io.atomic_writing import whole_file
@@ -212,7 +212,7 @@ def grip_efforts(hand: Hand, grasp: Grasp) -> FloatArray:
             continue
         f = hand.fingers.index(finger)
         offsets = np.zeros((len(hand.pads), 3))
-        offsets[f] = poses[hand.pads[f].link][:3, :3].T @ (point - centers[f])
+        offsets[f] = rotate_back(poses[hand.pads[f].link], point - centers[f])
         _, _, jacobians, _ = hand.pad_jacobians(grasp.X_OH, q, offsets)  # (F, 3, 6 + J)
         efforts += jacobians[f, :, 6:].T @ force
     return np.clip(efforts, -hand.effort_limits, hand.effort_limits)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.geometry import apply_inverse, apply_pose, unit
+from lis_grasp.geometry import apply_inverse, apply_pose, rotate_back, unit
 from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.hand_capacity import EFFORT_FRACTION, balanced_grip
@@ -236,11 +236,11 @@ class FingerControl:
         contacts = [self._contacts[finger] for finger in fingers]
         points = np.array([self._point(contact) for contact in contacts])
         normals = np.array([contact.normal for contact in contacts])
-        R_WH = self._scene.X_WH[:3, :3]
         wanted = self._grip
         for _ in range(_TRIES):
             forces = self._balanced_forces(points, normals, wanted)
-            self._forces = dict(zip(fingers, forces @ R_WH, strict=True))
+            in_hand = rotate_back(self._scene.X_WH, forces)
+            self._forces = dict(zip(fingers, in_hand, strict=True))
             self.exerted = -float(np.sum(forces * normals))
             exerted = self._exerted(forces, normals)
             if exerted <= 1.0:

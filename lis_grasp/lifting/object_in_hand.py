@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.geometry import apply_inverse, apply_pose
+from lis_grasp.geometry import apply_inverse, apply_pose, relative_rotation
 from lis_grasp.lifting.finger_control import FingerControl
 from lis_grasp.lifting.outcome import Reason
 from lis_grasp.lifting.scene import LiftingScene
@@ -91,7 +91,7 @@ class ObjectInHand:
 
     def _rotation(self) -> FloatArray:
         """Return the object's rotation in the palm frame, shape (3, 3)."""
-        return np.asarray(self._scene.X_WH[:3, :3].T @ self._scene.X_WO[:3, :3])
+        return relative_rotation(self._scene.X_WH, self._scene.X_WO)
 
 
 class SlipWatch:

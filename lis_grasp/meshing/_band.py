@@ -57,7 +57,8 @@ def _typical_slope(values: FloatArray) -> float:
     """Return the median change of f along a cell's side near the surface."""
     crossing, other = [], []
     for axis in range(3):
-        low, high = _edge_ends(values, axis)
+        moved = np.moveaxis(values, axis, 0)
+        low, high = moved[:-1], moved[1:]
         known = np.isfinite(low) & np.isfinite(high)
         changes, crosses = np.abs(high[known] - low[known]), (low < 0.0) != (high < 0.0)
         crossing.append(changes[crosses[known]])
@@ -66,11 +67,6 @@ def _typical_slope(values: FloatArray) -> float:
     if not len(chosen):
         chosen = np.concatenate(other)
     return float(np.median(chosen)) if len(chosen) else 0.0
-
-
-def _edge_ends(values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
-    moved = np.moveaxis(values, axis, 0)
-    return moved[:-1], moved[1:]
 
 
 def _corners(values: FloatArray) -> list[FloatArray]:

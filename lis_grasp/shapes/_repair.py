@@ -50,18 +50,15 @@ def repair_mesh(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh,
     _turn_parts_outward(mesh, repairs)
     _flip_slivers(mesh, repairs)
     mesh = _drop_specks(mesh, repairs)
-    if not len(mesh.faces) or signed_volume(mesh.triangles) < _SHEET * _roughly_boxed(mesh):
+    # The volume of the bounding box, no side taken thinner than a thousandth.
+    boxed = len(mesh.faces) and np.prod(np.maximum(mesh.extents, 1e-3 * mesh.extents.max()))
+    if not boxed or signed_volume(mesh.triangles) < _SHEET * boxed:
         raise InvalidMeshError("encloses no volume, as a flat sheet does: a solid object is needed")
     if not (mesh.is_watertight and mesh.is_winding_consistent):
         raise InvalidMeshError(
             "could not be closed: repair it by hand, for example with MeshLab or Blender"
         )
     return unite_parts(mesh, repairs), tuple(repairs)
-
-
-def _roughly_boxed(mesh: trimesh.Trimesh) -> float:
-    """Return the volume of the bounding box, no side taken thinner than a thousandth [m^3]."""
-    return float(np.prod(np.maximum(mesh.extents, 1e-3 * mesh.extents.max())))
 
 
 def _merged(vertices: FloatArray, faces: IntArray) -> trimesh.Trimesh:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from lis_grasp.exceptions import InvalidHandError
-from lis_grasp.geometry import angle_between, apply_inverse, apply_pose, rotate, unit
+from lis_grasp.geometry import angle_between, apply_inverse, apply_pose, rotate, rotate_back, unit
 from lis_grasp.records import read_only
 from lis_grasp.robots.draft._structure import Finger, FingerBody, link_points
 from lis_grasp.robots.kinematics import link_kinematics
@@ -103,9 +103,9 @@ class _Gripper:
                 f"the fingertips {names} are at one place, so that nothing fits in"
             )
         poses, closing = self.poses(q), self.closing_direction(q)
-        turns = [poses[finger.link][:3, :3].T for finger in self._fingers]
-        towards = [sign * R_LB @ closing for R_LB, sign in zip(turns, (1.0, -1.0), strict=True)]
-        return poses, towards, [R_LB @ self._outward_B for R_LB in turns]
+        links = [poses[finger.link] for finger in self._fingers]
+        towards = [rotate_back(X, s * closing) for X, s in zip(links, (1.0, -1.0), strict=True)]
+        return poses, towards, [rotate_back(X, self._outward_B) for X in links]
 
     def gap_vector(self, q: FloatArray) -> FloatArray:
         """Return the vector (3,) [m] from the first tip's middle to the second's."""
@@ -186,7 +186,7 @@ def _opposed(pads: Sequence[Pad], poses: Mapping[str, FloatArray]) -> list[Pad]:
         return list(pads)
     moved = []
     for pad, X, sign in zip(pads, links, (1.0, -1.0), strict=True):
-        shift = X[:3, :3].T @ (sign * 0.5 * across)
+        shift = rotate_back(X, sign * 0.5 * across)
         shift = shift - (shift @ pad.axis_L) * pad.axis_L
         moved.append(replace(pad, center_L=read_only(pad.center_L + shift)))
     return moved
@@ -209,7 +209,7 @@ def flat_pad(finger: Finger, towards_L: FloatArray, outward_L: FloatArray) -> Pa
         body.link,
         read_only(apply_inverse(body.X_LB, center)),
         0.0,
-        read_only(body.X_LB[:3, :3].T @ axis),
+        read_only(rotate_back(body.X_LB, axis)),
         _HALF_ANGLE,
     )
 

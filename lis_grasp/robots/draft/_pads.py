@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lis_grasp.geometry import angle_between, apply_pose, cross, tangent_frame, unit
+from lis_grasp.geometry import angle_between, apply_pose, cross, rotate_back, tangent_frame, unit
 from lis_grasp.records import read_only
 from lis_grasp.robots.draft._flat_pads import fit_flat_pads
 from lis_grasp.robots.draft._structure import Finger, reach
@@ -46,15 +46,17 @@ def fit_pads(
     slides_B = _slides(model, fingers, kinematics)
     pads = []
     for i, finger in enumerate(fingers):
-        R_LB = poses[finger.link][:3, :3].T
-        towards_L = R_LB @ (np.delete(middles_B, i, axis=0).mean(axis=0) - middles_B[i])
+        X_BL = poses[finger.link]
+        others_B = np.delete(middles_B, i, axis=0).mean(axis=0)
+        towards_L = rotate_back(X_BL, others_B - middles_B[i])
         towards_L = unit(towards_L)
         slide_B = slides_B.get(i)
         if slide_B is None:
             pads.append(round_pad(finger, *_closing(model, finger, towards_L), tilts))
         else:
-            arm_L = R_LB @ (middles_B[i] - poses[model.links[0]][:3, 3])
-            pads.append(round_pad(finger, *_sliding(R_LB @ slide_B, towards_L, arm_L), (0.0,)))
+            arm_L = rotate_back(X_BL, middles_B[i] - poses[model.links[0]][:3, 3])
+            slide_L = rotate_back(X_BL, slide_B)
+            pads.append(round_pad(finger, *_sliding(slide_L, towards_L, arm_L), (0.0,)))
     return tuple(pads)
 
 

@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from lis_grasp.geometry import apply_inverse, apply_pose
+from lis_grasp.geometry import apply_inverse, apply_pose, rotate_back
 from lis_grasp.records import read_only
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.draft._structure import link_points, rigid_groups
@@ -165,7 +165,7 @@ class _Search:
         foremost = max(placed, key=lambda link: float((placed[link] @ direction).max()))
         X_HL = poses[foremost]
         p_L = apply_inverse(X_HL, np.vstack(list(placed.values())))
-        d_L = X_HL[:3, :3].T @ direction
+        d_L = rotate_back(X_HL, direction)
         heights = p_L @ d_L
         top = p_L[heights > heights.max() - _LEVEL]
         middle = 0.5 * (top.min(axis=0) + top.max(axis=0))

@@ -350,7 +350,8 @@ def find_exclusions(
     found = Counter(pair for posture in q for pair in checker.self_collisions(posture))
     excluded = set(chained)
     for pair, count in found.items():
-        often = _OFTEN_NEAR if _joints_between(hand, *pair) <= _NEAR else _OFTEN
+        joints_between = _movers(hand, pair[0]) ^ _movers(hand, pair[1])
+        often = _OFTEN_NEAR if len(joints_between) <= _NEAR else _OFTEN
         if (
             len(hand.pads) == 2
             or count >= often * _SAMPLES
@@ -358,10 +359,6 @@ def find_exclusions(
         ):
             excluded.add(pair)
     return frozenset(excluded)
-
-
-def _joints_between(hand: Hand, first: str, second: str) -> int:
-    return len(_movers(hand, first) ^ _movers(hand, second))
 
 
 def _are_chained(hand: Hand, first: str, second: str) -> bool:

@@ -107,11 +107,15 @@ def draft_hand(
         edits = described.edits
         if hand.kind == "parallel_jaw":
             hand, edits = _strong_enough(hand, edits)
-        hand = _with_probe_postures(hand, rng)
+        postures = find_probe_postures(hand, checker_of(hand), rng=rng)
+        hand = replace(hand, probe_postures=MappingProxyType(postures))
         silent = [finger for finger in hand.fingers if finger not in hand.probe_postures]
         if silent:
             described.notes.append(f"no probe posture was found for {', '.join(silent)}")
-        return HandDraft(_with_force(hand), edits, tuple(described.notes))
+        held = _USED * float(forces_along_pads(hand).min())  # by the motors
+        force = float(np.clip(held, _LEAST_FORCE, _MOST_FORCE[hand.kind]))
+        hand = replace(hand, max_contact_force=float(f"{force:.2g}"))
+        return HandDraft(hand, edits, tuple(described.notes))
 
 
 class _Described:
@@ -262,18 +266,6 @@ def _with_palm(hand: Hand, openings: Sequence[Opening]) -> Hand:
         if pad.finger in hand.fixed_fingers:  # its pad comes onto the object at the end only
             aside = _ASIDE * unit(axis * [1.0, 1.0, 0.0])
     return replace(hand, approach_H=read_only(unit(hand.approach_H + aside)))
-
-
-def _with_probe_postures(hand: Hand, rng: np.random.Generator) -> Hand:
-    postures = find_probe_postures(hand, checker_of(hand), rng=rng)
-    return replace(hand, probe_postures=MappingProxyType(postures))
-
-
-def _with_force(hand: Hand) -> Hand:
-    """Return the hand with the contact force that its motors hold, of two digits."""
-    held = _USED * float(forces_along_pads(hand).min())
-    force = float(np.clip(held, _LEAST_FORCE, _MOST_FORCE[hand.kind]))
-    return replace(hand, max_contact_force=float(f"{force:.2g}"))
 
 
 def _strong_enough(hand: Hand, edits: DescriptionEdits) -> tuple[Hand, DescriptionEdits]:
