@@ -165,9 +165,15 @@ class _Borders:
         return renamed
 
 
-def segment(contacts: PatchContacts, pairs: ContactPairs) -> IndexArray:
-    """Return the patch of each contact, (N,), numbered by the first contacts of patches."""
-    return _merge(cluster_pairs(pairs, *contacts.noise), pairs, _Evidence(contacts))
+def segment(contacts: PatchContacts, pairs: ContactPairs) -> tuple[IndexArray, float]:
+    """Return the patch of each contact, (N,), and the log marginal likelihood of all patches.
+
+    Patches are numbered by their first contacts.
+    """
+    evidence = _Evidence(contacts)
+    patch_of = _merge(cluster_pairs(pairs, *contacts.noise), pairs, evidence)
+    members = (np.flatnonzero(patch_of == p) for p in range(int(patch_of.max()) + 1))
+    return patch_of, sum(evidence.of(contacts.central(patch)) for patch in members)
 
 
 @dataclass(slots=True, eq=False)

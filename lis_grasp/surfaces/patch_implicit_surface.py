@@ -95,9 +95,16 @@ class PatchImplicitSurface(BlockwiseSurface):
         pairs = ContactPairs.within(points, normals, spacing)
         noise = np.stack([prepared.position_noise, prepared.normal_noise])
         floors = np.array([[_LEAST_NOISE[0] * spacing], [_LEAST_NOISE[1]]])
-        noise = np.where(prepared.estimated, np.maximum(noise, floors), noise)
+        least = np.where(prepared.estimated, floors, noise)
+        noise = np.maximum(noise, least)
         known = PatchContacts.of(points, normals, spacing, (noise[0], noise[1]))
-        patch_of = segment(known, pairs)
+        patch_of, evidence = segment(known, pairs)
+        # Contacts too sparse for a shape with edges look noisy until they are divided into patches.
+        if not np.array_equal(noise, least):
+            clean = PatchContacts.of(points, normals, spacing, (least[0], least[1]))
+            other, other_evidence = segment(clean, pairs)
+            if other_evidence > evidence:
+                known, patch_of = clean, other
         separate = int(patch_of.max()) + 1
         if separate > _MOST_PATCHES:
             raise EstimationError(

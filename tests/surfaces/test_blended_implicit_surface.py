@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 from random_directions import random_directions
 
+import lis_grasp as lg
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation import surface_error
 from lis_grasp.surfaces import (
     BlendedImplicitSurface,
     GaussianProcessImplicitSurface,
     PatchImplicitSurface,
 )
 from lis_grasp.surfaces.contact_places import ContactPlaces
+from lis_grasp_studies.paper.trials import explored
 
 
 def touched_shape(name: str, spacing: float = 0.045, seed: int = 1) -> Contacts:
@@ -60,6 +63,14 @@ def test_edges_stay_those_of_the_sharp_estimate(name: str) -> None:
     surface = BlendedImplicitSurface.from_contacts(touched_shape(name))
     edges = shapes.build(name, 0.2).edges.mean(axis=1)[::7]
     assert np.median(weights_by_definition(surface, edges)) > 0.9
+
+
+def test_sparse_contacts_keep_their_edges() -> None:
+    # 28 contacts of a mallet look noisy until they are divided into patches.
+    shape, walk = explored("mallet", 0)
+    error = surface_error(lg.extract_mesh(lg.estimate(walk.contacts)), shape)
+    assert error.edge_rmsd is not None
+    assert error.edge_rmsd < 0.02 * shape.size
 
 
 def test_a_value_lies_between_both_estimates_with_the_weight_it_states() -> None:
