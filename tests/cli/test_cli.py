@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,7 @@ from lis_grasp.visualization.hand_layers import draw_motion
 from lis_grasp_studies.harness.rows import TrialResults
 from lis_grasp_studies.study.results import read_parquet
 
+NEEDS_STUDY = pytest.mark.skipif(find_spec("pyarrow") is None, reason="needs lis-grasp[study]")
 CUBE_AXES = np.vstack([np.eye(3), -np.eye(3)])
 
 
@@ -367,8 +369,15 @@ def test_a_mistake_is_answered_with_its_cure(
         ),
         ("explore box --pose {}", "1 0 0 nan\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", "4 x 4 finite"),
         ("explore box --taxel-pitch 1e9 --output {}", "", "--taxel-pitch must be at least 0 and"),
-        ("evaluate {}", "parts: {a: {measure: b}}", "a.measure must be one of 'grasps'"),
-        ("evaluate {}", "parts: {a: {title: b}}", "parts.a.measure is missing"),
+        pytest.param(
+            "evaluate {}",
+            "parts: {a: {measure: b}}",
+            "a.measure must be one of 'grasps'",
+            marks=NEEDS_STUDY,
+        ),
+        pytest.param(
+            "evaluate {}", "parts: {a: {title: b}}", "parts.a.measure is missing", marks=NEEDS_STUDY
+        ),
         ("compare --study {}", "parts: [x]", "study.yaml: each key"),
         ("compare --study {}", "touches: [-1]", "study.yaml: touches, entry 0,"),
         ("compare --study {} --touches 0", "touches: [-1]", "lis-grasp: --touches, entry 0,"),
@@ -432,8 +441,10 @@ def test_misuse_is_one_sentence(line: str, capsys: pytest.CaptureFixture[str]) -
     [
         ("run box --force-threshold 1 --prober kinematic", "--force-threshold"),
         ("grasp box.stl --jobs 2", "--jobs"),
-        ("evaluate --quick --report-only --jobs 2", "--jobs"),
-        ("evaluate --quick --report-only --scheduler tcp://x:1", "--scheduler"),
+        pytest.param("evaluate --quick --report-only --jobs 2", "--jobs", marks=NEEDS_STUDY),
+        pytest.param(
+            "evaluate --quick --report-only --scheduler tcp://x:1", "--scheduler", marks=NEEDS_STUDY
+        ),
         ("run box nothing.stl", "nothing.stl"),
         ("grasp box.stl --friction 1e9", "--friction must be above 0 and at most 100"),
     ],
@@ -472,7 +483,7 @@ def test_an_object_that_fails_does_not_end_the_others(
     ("read", "advice"),
     [
         (read_log, "restore it"),  # of a real robot, perhaps
-        (read_parquet, "restore it"),  # of an earlier version
+        pytest.param(read_parquet, "restore it", marks=NEEDS_STUDY),  # of an earlier version
         (lambda path: TrialResults(path, "study").read(), "made again"),
     ],
 )

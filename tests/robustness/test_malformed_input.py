@@ -488,7 +488,7 @@ def test_the_damaged_line_of_a_log_is_named(line: str, tmp_path: Path) -> None:
     path = READERS["touches.jsonl"].write(tmp_path)
     rows = path.read_text().splitlines()
     path.write_text("\n".join([*rows[:3], line, *rows[4:]]) + "\n")
-    with pytest.raises(InvalidFileError, match=r"line 4 is none\): remove that line, or the file"):
+    with pytest.raises(InvalidFileError, match=r"line 4 is none\): restore it from a copy"):
         load_outcomes(path)
 
 

@@ -90,7 +90,7 @@ def test_a_growing_exploration_shows_its_arm_where_the_object_moved(
     header, outcomes = read_log(tmp_path / "touches.jsonl")
     moved = replace(PoseBelief.start(), X_WE=scenes.pose(0.02, -0.01, 0.0))
     outcomes = tuple(replace(outcome, tracked=moved) for outcome in outcomes)
-    monkeypatch.setattr(run_scene, "read_log", lambda path: (header, outcomes))
+    monkeypatch.setattr(run_scene, "read_touches", lambda path: (header, outcomes))
     scene = run_scene.scene_of(tmp_path)
     assert [count for count, _ in scene.growth] == [3, 4]
     base = scenario.known.station.X_WA[:3, 3] - [0.02, -0.01, 0.0]
