@@ -67,7 +67,7 @@ class Configuration(BaseModel):
                 for trial in part.round(number, places or Places()):
                     variants = tuple(part.variants)
                     if places is not None:
-                        variants = _runnable(variants, part.experiment.facts(trial), places)
+                        variants = _runnable(variants, trial, part.experiment.facts(trial), places)
                     if variants:
                         yield Job(PartTrial(name, part.measure, trial), variants)
 
@@ -96,9 +96,10 @@ class Configuration(BaseModel):
                 yield (name, *self.parts[name].experiment.key_of(row, first[name])), row
 
 
-def _runnable(variants: tuple[str, ...], facts: Row, places: Places) -> tuple[str, ...]:
+def _runnable(variants: tuple[str, ...], trial: Any, facts: Row, places: Places) -> tuple[str, ...]:
     """Return the variants of a trial that can be run."""
-    if not places.meshes and any(map(is_mesh, facts.values())):
+    named = (getattr(trial, "object", None), *facts.values())  # rows may have it without suffix
+    if not places.meshes and any(map(is_mesh, named)):
         return ()
     if not _is_installed(facts.get("hand")):
         return ()
