@@ -4,7 +4,6 @@ import argparse
 import json
 import re
 import shlex
-from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +11,6 @@ import pytest
 
 from lis_grasp import Contacts, GraspSearch
 from lis_grasp.cli.main import build_parser, main
-from lis_grasp_studies.evaluation.grasp_tables import family_rates, held_rates, published_objects
-from lis_grasp_studies.evaluation.results import read_parquet
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -113,56 +110,6 @@ def test_examples_of_the_command_line_run(
 def test_every_guide_is_run() -> None:
     pages = {path.stem for path in (DOCS / "how-to").glob("*.md")} - {"index"}
     assert pages == {*GUIDES, *UNRUN}
-
-
-def _table(page: Path, first: str) -> dict[str, list[str]]:
-    """Return the rows of the table with a row that begins with `first`, by their first cell."""
-    lines = page.read_text(encoding="utf-8").split("\n")
-    start = next(k for k, line in enumerate(lines) if line.startswith(first))
-    while lines[start - 1].startswith("|"):
-        start -= 1
-    rows = takewhile(lambda line: line.startswith("|"), lines[start:])
-    cells = [[c.strip() for c in row.replace("**", "").strip("|").split("|")] for row in rows]
-    return {name: values for name, *values in cells}
-
-
-_RATES = {"truth": "the true mesh", "blend": "blend", "gpis": "GPIS", "lis": "LIS"}
-
-
-@pytest.mark.experiments
-def test_success_rates_are_those_of_the_published_rows() -> None:
-    pytest.importorskip("pyarrow")
-    rows = read_parquet(DOCS / "study" / "rows.parquet")
-    rates = held_rates(rows)
-    page = _table(DOCS / "results.md", "| GPIS |")
-    for name, label in _RATES.items():
-        assert [cell.split()[0] for cell in page[label]] == [
-            f"{rates[key]:.0f}" for key in (*(f"{name} {n}" for n in (10, 20, 40)), name)
-        ]
-    families = family_rates(rows, published_objects())
-    page = _table(DOCS / "results.md", "| built-in |")
-    del page["family"], page["---"]
-    assert set(page) == {family for family, _ in families}
-    for family, cells in page.items():
-        of_rows = (families[family, name] for name in ("gpis", "blend", "truth"))
-        assert cells[1:] == [f"{rate:.0f}" for rate in of_rows], family
-
-
-def test_numbers_of_the_readme_are_those_of_the_results_page() -> None:
-    text = " ".join(README.read_text(encoding="utf-8").replace("**", "").split())
-    rates = _table(DOCS / "results.md", "| GPIS |")
-    column = rates["estimator"].index("all")
-    held = {name: rates[label][column].split()[0] for name, label in _RATES.items()}
-    assert (
-        f"Held: {held['blend']} % on `blend`, the default estimator, {held['gpis']} % on a Gaussian"
-        f" process (`gpis`), {held['truth']} % on the true mesh, {held['lis']} % on" in text
-    )
-    errors = _table(DOCS / "results.md", "| RIMLS |")
-    edge = {name: errors[name][0].split(" / ")[2] for name in ("`gpis`", "`blend` (default)")}
-    assert f"`blend` is {edge['`blend` (default)']} mm from them" in text
-    assert f"`gpis` {edge['`gpis`']} mm" in text
-    tools = _table(DOCS / "results.md", "| built-in |")["tools"]
-    assert f"on tools {tools[2]} % of single grasps held" in text
 
 
 @pytest.mark.slow
