@@ -134,6 +134,12 @@ def test_a_job_that_would_not_be_done_in_time_is_not_begun(
     assert len(rows) == 2 * jobs
 
 
+def test_scans_without_a_folder_are_left_out() -> None:
+    heavy = Configuration.load(SHIPPED / "published.yaml", ["heavy"])
+    assert not list(heavy.jobs(Places()))
+    assert len(list(heavy.jobs(EVERYWHERE))) == 2 * 2 * 6
+
+
 @pytest.mark.parametrize("name", ["published", "quick"])
 def test_every_beginning_of_the_shipped_trials_is_balanced(name: str) -> None:
     known = Configuration.load(SHIPPED / f"{name}.yaml")
