@@ -92,7 +92,13 @@ def test_answers_and_limits_are_those_of_the_rows() -> None:
     expected = [float(row["success_probability"]) for row in lifted]
     measures = error_ratios(_published()["surfaces"][1], "gpis")
     organic = [r for r in measures if (r.family, r.estimator) == ("organic", "blend")]
+    bottles = where(_published()["heavy"][1], object="006_mustard_bottle")
+    heavy = [
+        sum(bool(row["held"]) for row in bottles if f"--hand {hand}" in row["command"])
+        for hand in ("allegro", "wsg50")
+    ]
     for sentence in (
+        f"the four-finger hand holds {heavy[0]} of 6, the gripper {heavy[1]} of 6",
         f"{edges['blend']:.1f} mm with `blend`, {edges['lis']:.1f} mm with `lis`,"
         f" {edges['gpis']:.1f} mm with `gpis`",
         f"{ratios['truth_to_estimate']:.2f} times that of `gpis` from truth to estimate,"
