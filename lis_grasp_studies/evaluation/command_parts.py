@@ -43,9 +43,9 @@ class CommandsPart(SeedsPart):
     def trials(self, seed: int, places: Places) -> Iterator[Any]:
         """Yield the trials of a seed."""
         beside = str(places.beside or "")
-        for name in self.objects:
+        for name in places.find(self.objects):
             for command in self.commands.values():
-                yield CommandTrial(command, places.of(name), seed, beside)
+                yield CommandTrial(command, name, seed, beside)
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return the outcomes of runs, and the costs of all commands."""

@@ -16,12 +16,14 @@ from lis_grasp.io.json_lines import Row
 from lis_grasp.io.schemas import checked
 from lis_grasp.io.yaml_files import read_yaml
 from lis_grasp.robots.hand import Hand
-from lis_grasp_studies.evaluation.part import Places, is_mesh
+from lis_grasp_studies.evaluation.part import Places
 from lis_grasp_studies.evaluation.parts import KINDS, AnyPart
 from lis_grasp_studies.harness.rows import Job
 
 SHIPPED = Path(__file__).parent
 """Folder of the shipped configurations, ``published.yaml`` and ``quick.yaml``."""
+
+_EVERYWHERE = Places(Path())  # as if all mesh files were there
 
 
 class Configuration(BaseModel):
@@ -64,10 +66,10 @@ class Configuration(BaseModel):
         """
         for number in range(max(part.rounds for part in self.parts.values())):
             for name, part in self.parts.items():
-                for trial in part.round(number, places or Places()):
+                for trial in part.round(number, places or _EVERYWHERE):
                     variants = tuple(part.variants)
                     if places is not None:
-                        variants = _runnable(variants, trial, part.experiment.facts(trial), places)
+                        variants = _runnable(variants, part.experiment.facts(trial), places)
                     if variants:
                         yield Job(PartTrial(name, part.measure, trial), variants)
 
@@ -90,17 +92,14 @@ class Configuration(BaseModel):
 
     def _keyed(self, rows: Sequence[Row]) -> Iterator[tuple[Any, Row]]:
         """Yield the rows of all parts, each after its key."""
-        first = {name: next(part.round(0, Places())) for name, part in self.parts.items()}
+        first = {name: next(part.round(0, _EVERYWHERE)) for name, part in self.parts.items()}
         for row in rows:
             if (name := row["part"]) in first:
                 yield (name, *self.parts[name].experiment.key_of(row, first[name])), row
 
 
-def _runnable(variants: tuple[str, ...], trial: Any, facts: Row, places: Places) -> tuple[str, ...]:
+def _runnable(variants: tuple[str, ...], facts: Row, places: Places) -> tuple[str, ...]:
     """Return the variants of a trial that can be run."""
-    named = (getattr(trial, "object", None), *facts.values())  # rows may have it without suffix
-    if not places.meshes and any(map(is_mesh, named)):
-        return ()
     if not _is_installed(facts.get("hand")):
         return ()
     return tuple(name for name in variants if name != "beside" or places.beside)

@@ -59,13 +59,11 @@ class LiftsPart(Part):
 
     def round(self, number: int, places: Places) -> Iterator[Any]:
         """Yield the trials of a round: hands in turn, objects of all groups in turn."""
-        for _, name in interleaved(self.objects):
+        for name in places.find([name for _, name in interleaved(self.objects)]):
             for hand, seeds in self.hands.items():
                 for seed in seeds[number : number + 1]:
                     setup = Setup() if self.known else _UNKNOWN
-                    yield self.trial(
-                        Trial(places.of(name), hand, self.touches, self.noise, seed, setup)
-                    )
+                    yield self.trial(Trial(name, hand, self.touches, self.noise, seed, setup))
 
     def trial(self, trial: Trial) -> Any:
         """Return the trial of the experiment for a study's trial."""

@@ -28,14 +28,12 @@ class Places:
     beside: Path | None = None
     """Of another version of the package, whose commands are timed in turns with this one's."""
 
-    def of(self, name: str) -> str:
-        """Return the place of an object: its name, or the path of its mesh file."""
-        return str(self.meshes / name) if self.meshes and is_mesh(name) else name
-
-
-def is_mesh(name: Any) -> bool:
-    """Return whether a value names a mesh file."""
-    return Path(str(name)).suffix.lower() in FORMATS
+    def find(self, names: Sequence[str]) -> list[str]:
+        """Return names of objects, mesh files by their paths; without a folder, without these."""
+        meshes = {name for name in names if Path(name).suffix.lower() in FORMATS}
+        if self.meshes is None:
+            return [name for name in names if name not in meshes]
+        return [str(self.meshes / name) if name in meshes else name for name in names]
 
 
 @dataclass(frozen=True, slots=True)

@@ -125,7 +125,7 @@ class SurfacesPart(SeedsPart):
 
     def trials(self, seed: int, places: Places) -> Iterator[Any]:
         """Yield the trials of a seed; each object meets one case of `part`."""
-        names = [*(n for _, n in interleaved(EVALUATION)), *map(places.of, self.scans)]
+        names = places.find([*(n for _, n in interleaved(EVALUATION)), *self.scans])
         trials = surface_trials(names, CASES, part=self.part, seeds=1, box=self.box)
         yield from (replace(trial, seed=seed) for trial in trials)
 
