@@ -13,8 +13,9 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
 from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
-from lis_grasp.drake._free_mover import ArmMover, FreeMover
-from lis_grasp.drake._ports import HandMotion, Mover, add_output, read
+from lis_grasp.drake._hand_motion import HandMotion, Mover
+from lis_grasp.drake._movers import ArmMover, FreeMover
+from lis_grasp.drake._ports import add_output, read
 from lis_grasp.drake.surface_estimator import Estimate
 from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.exploration import (

@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory, joined
-from lis_grasp.drake._ports import LEVER, HandMotion, rigid
+from lis_grasp.drake._hand_motion import LEVER, HandMotion
+from lis_grasp.drake._ports import rigid
 from lis_grasp.exploration.probe_motions import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.exploration.states import NextProbe
 from lis_grasp.exploration.workspace import Workspace
