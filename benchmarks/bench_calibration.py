@@ -1,7 +1,7 @@
 """Held rates by mass and friction, and calibration of the predicted success probability.
 
     python benchmarks/bench_calibration.py                   # the development shapes
-    python benchmarks/bench_calibration.py box egg 004_sugar_box.ply --seeds 0 1
+    python benchmarks/bench_calibration.py box vase 004_sugar_box.ply --seeds 0 1
 
 Each object stands in a stable pose in a region and is touched 20 times by geometry alone, with a
 realistic sensor. Grasps are planned on surfaces of the first 5, 10 and 20 contacts, for a load of

@@ -11,7 +11,7 @@ import pytest
 
 from lis_grasp.io.json_lines import Row
 from lis_grasp_studies.contact_study.tables import calibration_table, error_ratios, summarise
-from lis_grasp_studies.evaluation.configuration import SHIPPED, Configuration
+from lis_grasp_studies.evaluation.configuration import Configuration
 from lis_grasp_studies.evaluation.grasp_tables import beside_table, family_rates, held_rates
 from lis_grasp_studies.evaluation.part import Part
 from lis_grasp_studies.evaluation.results import EvaluationResults
@@ -29,7 +29,7 @@ PAGE, README = ROOT / "docs" / "results.md", ROOT / "README.md"
 def _published() -> dict[str, tuple[Part, list[Row]]]:
     """Return the parts of the published evaluation that have rows, with these."""
     pytest.importorskip("pyarrow")
-    configuration = Configuration.load(SHIPPED / "published.yaml")
+    configuration = Configuration.load(STUDY / "configuration.yaml")
     rows = EvaluationResults(STUDY).read(any_version=True)
     parts = {name: of for name, of in configuration.ordered(rows).items() if of}
     assert sum(map(len, parts.values())) == len(rows), "rows of no published trial"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, require_packages
-from lis_grasp.io.atomic_writing import sole_writer
+from lis_grasp.io.atomic_writing import sole_writer, write_text
 from lis_grasp_studies.harness.program import add_scheduler, require_no_workers, scheduler_of
 
 if TYPE_CHECKING:
@@ -89,10 +89,13 @@ def execute(options: argparse.Namespace) -> None:
     if options.quick and options.config is not None:
         raise InvalidOptionError("--quick excludes a configuration", option="--quick")
     require_no_workers(options)
+    output: Path = options.output or _OUTPUT
+    stored = output / "configuration.yaml"
     path = options.config or SHIPPED / ("quick.yaml" if options.quick else "published.yaml")
+    if options.report_only and stored.is_file() and not (options.config or options.quick):
+        path = stored
     configuration = Configuration.load(path, options.parts)
     earlier = read_parquet(options.earlier) if options.earlier else []
-    output: Path = options.output or _OUTPUT
     options.until_end.enter_context(sole_writer(output))
     results = EvaluationResults(output)
     failure = None if options.report_only else _measure(configuration, results, options)
@@ -101,11 +104,14 @@ def execute(options: argparse.Namespace) -> None:
         raise failure or InvalidOptionError(
             f"a report needs rows; {output} has none", option="--report-only"
         )
+    if path != stored:
+        write_text(stored, path.read_text(encoding="utf-8"))
     with Stage("Reporting") as stage:
         results.write_parquet(configuration.ordered(rows))
         write_results(output, configuration, rows, command=_command(options), earlier=earlier)
         stage.result = f"{len(rows)} rows"
-    say(f"wrote {output}/results.md, report.html, numbers.json, and folders rows, tables, charts")
+    say(f"wrote {output}/results.md, report.html, numbers.json, configuration.yaml")
+    say("      and folders rows, tables, charts")
     say(f"next: open {output}/report.html in a browser")
     if failure is not None:
         raise failure

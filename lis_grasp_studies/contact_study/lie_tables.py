@@ -18,14 +18,16 @@ from lis_grasp_studies.harness.tables import (
     values_of,
     where,
 )
-from lis_grasp_studies.test_objects.shape_sets import FAMILIES
 
 CLOSE = 1.15
 """Largest ratio of errors of an estimate that is as good as from true contacts."""
 
 
-def lie_tables(rows: Sequence[Row]) -> list[Table]:
-    """Return what is found by family, by kind of lie, on hard sets, and of clean sets by draw."""
+def lie_tables(rows: Sequence[Row], order: Sequence[str]) -> list[Table]:
+    """Return what is found by family, by kind of lie, on hard sets, and of clean sets by draw.
+
+    Families are columns in their order.
+    """
     hard = {(draw[1], draw[2]) for draw in HARD}
     is_hard = [(row["count"], row["millimetres"]) in hard for row in rows]
     hard_rows = [row for row, flag in zip(rows, is_hard, strict=True) if flag]
@@ -33,7 +35,7 @@ def lie_tables(rows: Sequence[Row]) -> list[Table]:
     families = {kind: where(main, lie=kind) for kind in LIES}
     by_family: list[Column] = [
         (family, _of_family(_percent("right"), family))
-        for family in sorted({row["family"] for row in rows}, key=[*FAMILIES, "others"].index)
+        for family in sorted({row["family"] for row in rows}, key=order.index)
     ]
     groups = {"main": main, "few or noisy": hard_rows}
     kinds = {(kind, name): where(of, lie=kind) for kind in LIES for name, of in groups.items()}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import Any, ClassVar, Literal
 
 from pydantic import Field
@@ -46,7 +45,6 @@ from lis_grasp_studies.harness.tables import (
 from lis_grasp_studies.paper.report import TITLES, object_bars
 from lis_grasp_studies.paper.tables import changes_table, claims_table, experiment_table
 from lis_grasp_studies.paper.trials import PAPER, PaperExperiment, paper_trials
-from lis_grasp_studies.test_objects.shape_sets import EVALUATION
 
 _ERRORS = ("rmsd", "rmsd_truth_to_estimate", "edge_rmsd")
 
@@ -118,6 +116,8 @@ class SurfacesPart(SeedsPart):
     """Surfaces of objects that nothing was chosen on, from all kinds of contacts."""
 
     measure: Literal["surfaces"]
+    objects: dict[str, list[str]]
+    """By families."""
     scans: list[str]
     part: int = Field(ge=1, le=len(CASES))
     box: Box
@@ -125,7 +125,7 @@ class SurfacesPart(SeedsPart):
 
     def trials(self, seed: int, places: Places) -> Iterator[Any]:
         """Yield the trials of a seed; each object meets one case of `part`."""
-        names = places.find([*(n for _, n in interleaved(EVALUATION)), *self.scans])
+        names = places.find([*(n for _, n in interleaved(self.objects)), *self.scans])
         trials = surface_trials(names, CASES, part=self.part, seeds=1, box=self.box)
         yield from (replace(trial, seed=seed) for trial in trials)
 
@@ -164,25 +164,25 @@ class LiesPart(SeedsPart):
     """Contacts that lie, on objects that nothing was chosen on."""
 
     measure: Literal["lies"]
-    others: list[str]
-    """Objects in place of the evaluation shapes; none for these."""
+    objects: dict[str, list[str]]
+    """By the groups of tables, such as families."""
     part: int = Field(ge=1)
     fits: bool
     experiment: ClassVar[Experiment] = EXPERIMENT
 
     def trials(self, seed: int, places: Places) -> Iterator[Any]:
         """Yield the trials of a seed; each object meets one draw of `part`."""
-        groups = {"others": self.others} if self.others else EVALUATION
-        place = {name: i for i, name in enumerate(chain.from_iterable(groups.values()))}
-        for _, name in interleaved(groups):
+        place = {name: i for i, name in enumerate(group_of(self.objects))}
+        for _, name in interleaved(self.objects):
             for j, draw in enumerate(DRAWS):
                 if (place[name] + j) % self.part == 0 and not (self.fits and draw in HARD):
                     yield LieTrial(name, *draw, seed, int(self.fits))
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return what is found, by family and by kind of lie."""
-        family = {"family": "others"} if self.others else {}
-        return lie_tables([row | family for row in rows])
+        group = group_of(self.objects)
+        rows = [row | {"family": group[row["shape"]]} for row in rows]
+        return lie_tables(rows, list(self.objects))
 
 
 class ExplorationPart(SeedsPart):

@@ -6,11 +6,12 @@ folder, measure what was chosen. No evaluation shape is a rescaled development s
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from lis_grasp_studies.test_objects import _hard as hard
 from lis_grasp_studies.test_objects import _mixed as mixed
 from lis_grasp_studies.test_objects import _organic as organic
 from lis_grasp_studies.test_objects import _simple as simple
-from lis_grasp_studies.test_objects import _thin as long
 from lis_grasp_studies.test_objects import _thin as thin
 from lis_grasp_studies.test_objects.solid_modelling import Solid, mesh_of
 
@@ -59,76 +59,41 @@ DEVELOPMENT: Mapping[Family, tuple[str, ...]] = MappingProxyType(
 )
 """Names of the shapes that settings may be chosen on, by family."""
 
-_EVALUATION: Mapping[Family, tuple[Callable[[], Solid], ...]] = MappingProxyType(
+EVALUATION: Mapping[Family, tuple[str, ...]] = MappingProxyType(
     {
         "prismatic": (
-            *(simple.roof, simple.truncated_pyramid, simple.dodecahedron),
-            *(simple.t_profile, simple.u_channel, simple.star_prism),
-            *(simple.faceted_rock, simple.gear, simple.corner_cube),
+            *("roof", "truncated_pyramid", "dodecahedron", "t_profile", "u_channel"),
+            *("star_prism", "faceted_rock", "gear", "corner_cube"),
         ),
         "curved": (
-            *(simple.cone, simple.capsule, simple.lens, simple.bottle, simple.hourglass),
-            *(simple.cut_ellipse, simple.dome, simple.stepped_shaft, simple.quarter_ring),
-            *(simple.goblet, simple.saddle_block),
+            *("cone", "capsule", "lens", "bottle", "hourglass", "cut_ellipse", "dome"),
+            *("stepped_shaft", "quarter_ring", "goblet", "saddle_block"),
         ),
-        "organic": (
-            *(organic.egg, organic.pear, organic.banana, organic.potato, organic.peanut),
-            *(organic.soft_cube, organic.toy_duck, organic.twisted_pebble, organic.tripod_knob),
-        ),
+        "organic": tuple(organic.EVALUATION),
         "mixed": (
-            *(mixed.mug, mixed.hammer, mixed.pipe_tee, mixed.fluted_knob, mixed.kettlebell),
-            *(mixed.screwdriver, mixed.drilled_block, mixed.filleted_angle, mixed.camera),
-            *(mixed.pillow_plate, mixed.pulley),
+            *("mug", "hammer", "pipe_tee", "fluted_knob", "kettlebell", "screwdriver"),
+            *("drilled_block", "filleted_angle", "camera", "pillow_plate", "pulley"),
         ),
         "thin": (
-            *(thin.spoon, thin.angle_sheet, thin.bowl, thin.wrench, thin.bangle),
-            *(thin.s_rod, thin.comb, thin.spatula),
+            *("spoon", "angle_sheet", "bowl", "wrench", "bangle", "s_rod", "comb", "spatula"),
         ),
     }
-)
-
-EVALUATION: Mapping[Family, tuple[str, ...]] = MappingProxyType(
-    {family: tuple(build.__name__ for build in builds) for family, builds in _EVALUATION.items()}
 )
 """Names of the shapes that nothing may be chosen on, by family."""
 
 TOOLS = ("hammer", "screwdriver", "clamp", "plate", "ruler", "key", "spoon", "pen")
 """Names of tools and flat things, for lifts of long and low objects."""
 
-_LONG_BUILDS = (
-    *(long.chisel, long.paddle, long.angle_bar, long.tongs),
-    *(long.tapered_peg, long.rasp, long.rolling_pin, long.hex_key),
+LONG = (
+    *("chisel", "paddle", "angle_bar", "tongs", "tapered_peg", "rasp", "rolling_pin", "hex_key"),
 )
-
-LONG = tuple(build.__name__ for build in _LONG_BUILDS)
 """Names of long objects that the search for ends is reported on; nothing may be chosen on them."""
 
-_HARD_BUILDS = (
-    *(hard.washer, hard.coaster, hard.scissors, hard.table_knife, hard.fork, hard.saucer),
-    *(hard.perforated_strip, hard.frying_pan, hard.hatchet, hard.jar_lid, hard.trowel, hard.ladle),
+HARD = (
+    *("washer", "coaster", "scissors", "table_knife", "fork", "saucer", "perforated_strip"),
+    *("frying_pan", "hatchet", "jar_lid", "trowel", "ladle"),
 )
-
-HARD = tuple(build.__name__ for build in _HARD_BUILDS)
 """Names of objects that are hard to hold, for lifts; nothing may be chosen on them."""
-
-_DEVELOPMENT_ONLY = (
-    *(simple.l_bracket, simple.stairs, simple.vase, simple.pinched),
-    *(organic.lumpy, organic.bean, organic.dumbbell),
-    *(mixed.rounded_box, mixed.screw, mixed.socket, thin.plate, thin.hook, thin.dish),
-)
-
-_BUILDERS: Mapping[str, Callable[[], Solid]] = MappingProxyType(
-    {
-        build.__name__: build
-        for build in (
-            *_DEVELOPMENT_ONLY,
-            *(b for some in _EVALUATION.values() for b in some),
-            *(thin.clamp, thin.ruler, thin.key, thin.pen),
-            *_LONG_BUILDS,
-            *_HARD_BUILDS,
-        )
-    }
-)
 
 _FAMILY: Mapping[str, Family] = MappingProxyType(
     {
@@ -139,6 +104,12 @@ _FAMILY: Mapping[str, Family] = MappingProxyType(
     }
 )
 
+_ROOMS = ChainMap[str, Any](
+    dict(organic.EVALUATION), *map(vars, (organic, simple, mixed, thin, hard))
+)
+_BUILDERS: Mapping[str, Callable[[], Solid]] = MappingProxyType(
+    {name: _ROOMS[name] for name in (*_FAMILY, *TOOLS, *LONG, *HARD) if name not in BUILT_IN_SIZES}
+)
 
 GRASPABLE_SIZE = 0.1
 """Largest extent of test objects that a hand is to grasp, but for tools [m]."""

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.shapes import NAMES
+from lis_grasp.shapes import NAMES, sharp_edges
+from lis_grasp.shapes.mesh_distance import winding_numbers
+from lis_grasp_studies.test_objects import _organic
 from lis_grasp_studies.test_objects.shape_sets import (
     BUILT_IN_SIZES,
     DEVELOPMENT,
@@ -63,6 +65,31 @@ def test_a_test_object_is_one_closed_body_of_a_size_that_a_hand_explores(name: s
     assert build_shape(name).mesh.volume > 1e-5
     smooth = family_of(name) == "organic" or name in ("sphere", "torus", "capsule", "bangle")
     assert (len(shape.edges) == 0) == (smooth or name == "rounded_box")
+
+
+def test_organic_evaluation_shapes_are_new_and_of_other_generators_than_the_development_ones() -> (
+    None
+):
+    assert len(EVALUATION["organic"]) >= 16
+    makers = {build.func.__name__ for build in _organic.EVALUATION.values()}
+    assert makers == {"_swept", "_grown"}
+    for name in DEVELOPMENT["organic"]:
+        assert not makers & {*getattr(_organic, name).__code__.co_names}
+
+
+@pytest.mark.parametrize("name", EVALUATION["organic"])
+def test_an_organic_evaluation_shape_is_smooth_closed_and_nowhere_inside_itself(name: str) -> None:
+    mesh = build_shape(name).mesh
+    assert mesh.is_watertight
+    assert 0.04 <= mesh.extents.max() <= 0.2
+    assert not len(sharp_edges(mesh))
+    points = np.random.default_rng(0).uniform(*mesh.bounds, (2000, 3))
+    windings = winding_numbers(points, mesh.vertices, mesh.faces)
+    inside = windings > 0.5
+    np.testing.assert_allclose(windings, inside, atol=1e-6)
+    fraction = mesh.volume / np.prod(mesh.extents)
+    deviation = np.sqrt(fraction * (1.0 - fraction) / len(points))  # of a binomial rate
+    assert abs(np.mean(inside) - fraction) < 4.0 * deviation
 
 
 @pytest.mark.parametrize(
