@@ -68,6 +68,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="source of another version, whose commands are timed in turns with this one's",
     )
     parser.add_argument(
+        "--fill",
+        nargs=2,
+        type=Path,
+        metavar=("TEMPLATE", "PAGE"),
+        help="also write a page from a text whose numbers and tables are fields, such as"
+        " docs/study/results.md.in",
+    )
+    parser.add_argument(
         "--report-only",
         action="store_true",
         help="measure nothing: report on the rows there are, as made with the --hours, --meshes and"
@@ -81,7 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Measure what is missing, store the rows and write the page."""
     from lis_grasp_studies.evaluation.configuration import SHIPPED, Configuration
-    from lis_grasp_studies.evaluation.page import write_results
+    from lis_grasp_studies.evaluation.page import fill_template, state_of, write_results
     from lis_grasp_studies.evaluation.results import EvaluationResults
     from lis_grasp_studies.study.results import read_parquet
 
@@ -109,7 +117,10 @@ def execute(options: argparse.Namespace) -> None:
     with Stage("Reporting") as stage:
         results.write_parquet(configuration.ordered(rows))
         write_results(output, configuration, rows, command=_command(options), earlier=earlier)
-        stage.result = f"{len(rows)} rows"
+        if options.fill:
+            template, page = options.fill
+            write_text(page, fill_template(template, configuration, rows, earlier))
+        stage.result = f"{len(rows)} rows of {state_of(configuration.ordered(rows))}"
     say(f"wrote {output}/results.md, report.html, numbers.json, configuration.yaml")
     say("      and folders rows, tables, charts")
     say(f"next: open {output}/report.html in a browser")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar, Literal
 
+import numpy as np
+
 from lis_grasp.io.json_lines import Row
 from lis_grasp_studies.evaluation.commands import (
     BESIDE,
@@ -27,6 +29,7 @@ from lis_grasp_studies.harness.tables import (
     mean_cell,
     median_cell,
     split,
+    values_of,
     where,
 )
 
@@ -85,6 +88,16 @@ class CommandsPart(SeedsPart):
             title = "Runs, lost ones by their reasons"
             tables.insert(0, grouped_table("runs", title, "command | object", lifts, outcomes))
         return tables
+
+    def numbers(self, rows: Sequence[Row]) -> dict[str, float]:
+        """Return how often each command held each object, of how many trials, and its cost [s]."""
+        label = {command: name for name, command in self.commands.items()}
+        found: dict[str, float] = {}
+        for (command, name), of in split(where(rows, package=THIS), "command", "object").items():
+            lifts, key = values_of(of, "held"), f"{label[command]} {name}"
+            found |= {key: int(lifts.sum()), f"{key} trials": len(lifts)}
+            found[f"{key} CPU"] = float(np.median(values_of(of, "processor")))
+        return found
 
 
 def _count(rows: Sequence[Row]) -> str:

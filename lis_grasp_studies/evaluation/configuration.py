@@ -64,9 +64,10 @@ class Configuration(BaseModel):
         What cannot be run is left out: mesh files that are nowhere, hands whose models are not
         installed, another version without a folder. Without places, nothing is.
         """
-        for number in range(max(part.rounds for part in self.parts.values())):
-            for name, part in self.parts.items():
-                for trial in part.round(number, places or _EVERYWHERE):
+        for number in range(max(part.first + part.rounds for part in self.parts.values())):
+            begun = {name: part for name, part in self.parts.items() if part.first <= number}
+            for name, part in begun.items():
+                for trial in part.round(number - part.first, places or _EVERYWHERE):
                     variants = tuple(part.variants)
                     if places is not None:
                         variants = _runnable(variants, part.experiment.facts(trial), places)

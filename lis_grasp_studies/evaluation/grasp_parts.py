@@ -6,6 +6,9 @@ from collections.abc import Iterator, Sequence
 from operator import itemgetter
 from typing import Any, ClassVar, Literal
 
+import numpy as np
+from pydantic import Field
+
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp_studies.evaluation.grasp_tables import (
@@ -13,14 +16,14 @@ from lis_grasp_studies.evaluation.grasp_tables import (
     SUBJECT,
     attempts_table,
     families_table,
-    held_rates,
+    held_rate,
     lost_table,
     rates_chart,
     stages_table,
     ways_table,
 )
 from lis_grasp_studies.evaluation.grasps import GRASPS, GraspTrial
-from lis_grasp_studies.evaluation.part import Answer, Part, Places, group_of, interleaved
+from lis_grasp_studies.evaluation.part import Part, Places, group_of, interleaved
 from lis_grasp_studies.evaluation.simulators import (
     BOTH,
     difference_table,
@@ -45,8 +48,8 @@ class LiftsPart(Part):
 
     objects: dict[str, list[str]]
     """By groups, such as families."""
-    hands: dict[str, list[int]]
-    """The seeds of each hand; a round has the next seed of every hand."""
+    hands: list[dict[str, int]] = Field(min_length=1)
+    """The hands of each round with their seeds."""
     noise: str
     touches: int = 1
     known: bool = False
@@ -55,14 +58,14 @@ class LiftsPart(Part):
     @property
     def rounds(self) -> int:
         """Number of rounds of seeds."""
-        return max(map(len, self.hands.values()))
+        return len(self.hands)
 
     def round(self, number: int, places: Places) -> Iterator[Any]:
         """Yield the trials of a round: hands in turn, objects of all groups in turn."""
+        setup = Setup() if self.known else _UNKNOWN
         for name in places.find([name for _, name in interleaved(self.objects)]):
-            for hand, seeds in self.hands.items():
-                for seed in seeds[number : number + 1]:
-                    setup = Setup() if self.known else _UNKNOWN
+            for hands in self.hands[number : number + 1]:
+                for hand, seed in hands.items():
                     yield self.trial(Trial(name, hand, self.touches, self.noise, seed, setup))
 
     def trial(self, trial: Trial) -> Any:
@@ -105,10 +108,10 @@ class GraspsPart(LiftsPart):
             rates_chart(by_family, lambda row: family[row["object"]], "Held by family"),
         ]
 
-    def answers(self, rows: Sequence[Row]) -> list[Answer]:
+    def answers(self, rows: Sequence[Row]) -> dict[str, str]:
         """Return the rates of single grasps, and of several attempts."""
         once, more = where(rows, attempts=1), [row for row in rows if row["attempts"] > 1]
-        found = []
+        found = {}
         for question, part in (
             ("How often is an unknown object held, by one grasp?", once),
             ("And with several attempts?", more),
@@ -120,8 +123,27 @@ class GraspsPart(LiftsPart):
                 ]
                 lead = difference(pairs_of(part, [SUBJECT], REFERENCE))
                 texts.append(f"blend minus GPIS, for other objects: {lead} points")
-                found.append(Answer(question, "; ".join(texts), held_rates(part)))
+                found[question] = "; ".join(texts)
         return found
+
+    def numbers(self, rows: Sequence[Row]) -> dict[str, float]:
+        """Return the trials of an estimator, and held rates [%], also of families and attempts.
+
+        "predicted" is the mean probability of success of the grasps of `blend` that were tried,
+        and "observed" the rate at which they held.
+        """
+        family, once = group_of(self.objects), where(rows, attempts=1)
+        tried = [r for r in where(once, estimator=SUBJECT) if r["success_probability"] is not None]
+        named = [r | {"family": family[r["object"]]} for r in once]
+        several = [r | {"attempts": f"x{r['attempts']}"} for r in rows]
+        groups = split(named, "estimator", "touches") | split(named, "estimator", "family")
+        groups |= split(several, "estimator", "attempts")
+        found = {name: held_rate(of) for name, of in split(once, "estimator").items()}
+        found |= {" ".join(map(str, key)): held_rate(of) for key, of in groups.items()}
+        if tried:
+            found["predicted"] = 100.0 * float(np.mean([r["success_probability"] for r in tried]))
+            found["observed"] = held_rate(tried)
+        return found | {"trials": len(where(once, estimator=SUBJECT))}
 
 
 class SimulatorsPart(LiftsPart):
@@ -138,12 +160,15 @@ class SimulatorsPart(LiftsPart):
             difference_table(rows, SUBJECT, REFERENCE),
         ]
 
-    def answers(self, rows: Sequence[Row]) -> list[Answer]:
+    def answers(self, rows: Sequence[Row]) -> dict[str, str]:
         """Return how many grasps have the same outcome."""
+        text = "Drake and MuJoCo agree on {agree} of {grasps} grasps".format(**self.numbers(rows))
+        return {"Does a second simulator agree?": text}
+
+    def numbers(self, rows: Sequence[Row]) -> dict[str, float]:
+        """Return how many grasps were executed, and how many of these have the same outcome."""
         lifts = split(
             (r for r in rows if r.get("slip") is not None), "object", "hand", "seed", "estimator"
         )
         same = sum(len({row["held"] for row in lift}) == 1 for lift in lifts.values())
-        text = f"Drake and MuJoCo agree on {same} of {len(lifts)} grasps"
-        numbers = {"agree": float(same), "grasps": float(len(lifts))}
-        return [Answer("Does a second simulator agree?", text, numbers)]
+        return {"agree": same, "grasps": len(lifts)}

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from lis_grasp.io.json_lines import Row
-from lis_grasp.io.yaml_files import read_yaml
 from lis_grasp_studies.evaluation.part import Groups, group_of
 from lis_grasp_studies.figures import charts
 from lis_grasp_studies.figures.palette import estimator_label
@@ -37,31 +34,8 @@ _CAPTION = (
 )
 
 
-def published_objects() -> dict[str, list[str]]:
-    """Return the objects of the published part ``grasps`` by their groups."""
-    content = read_yaml(Path(__file__).with_name("published.yaml"))
-    groups: dict[str, list[str]] = content["parts"]["grasps"]["objects"]
-    return groups
-
-
-def held_rates(rows: Sequence[Row]) -> dict[str, float]:
-    """Return the held rate [%] of each estimator, and at each number of touches."""
-    groups: Mapping[Any, list[Row]] = split(rows, "estimator")
-    groups = {**groups, **split(rows, "estimator", "touches")}
-    return {
-        " ".join(map(str, key)) if isinstance(key, tuple) else key: _percent(of)
-        for key, of in groups.items()
-    }
-
-
-def family_rates(rows: Sequence[Row], objects: Groups) -> dict[tuple[str, str], float]:
-    """Return the held rate [%] of each group of objects and estimator."""
-    family = group_of(objects)
-    groups = split([row | {"family": family[row["object"]]} for row in rows], "family", "estimator")
-    return {key: _percent(of) for key, of in groups.items()}
-
-
-def _percent(rows: Sequence[Row]) -> float:
+def held_rate(rows: Sequence[Row]) -> float:
+    """Return the rate of trials that are held [%]."""
     return float(100.0 * np.mean([bool(row["held"]) for row in rows]))
 
 
@@ -69,8 +43,9 @@ def families_table(rows: Sequence[Row], objects: Groups) -> Table:
     """Return the rates of each group of objects, where blend loses most to GPIS first."""
 
     def lead(rows: Sequence[Row]) -> float:
-        rates = held_rates(rows)
-        return rates.get(SUBJECT, 0.0) - rates.get(REFERENCE, 0.0)
+        both = (where(rows, estimator=name) for name in (SUBJECT, REFERENCE))
+        rates = [held_rate(of) if of else 0.0 for of in both]
+        return rates[0] - rates[1]
 
     family = group_of(objects)
     groups = split([row for row in rows if row["object"] in family], "object")
@@ -97,7 +72,7 @@ def families_table(rows: Sequence[Row], objects: Groups) -> Table:
 
 def _rate_of(rows: Sequence[Row], estimator: str) -> str:
     of = where(rows, estimator=estimator)
-    return f"{_percent(of):.0f}" if of else NONE
+    return f"{held_rate(of):.0f}" if of else NONE
 
 
 def lost_table(rows: Sequence[Row]) -> Table:
@@ -105,7 +80,7 @@ def lost_table(rows: Sequence[Row]) -> Table:
     groups = {
         name: of for name, of in split(rows, "object").items() if where(of, estimator=SUBJECT)
     }
-    ordered = sorted(groups, key=lambda name: _percent(where(groups[name], estimator=SUBJECT)))
+    ordered = sorted(groups, key=lambda name: held_rate(where(groups[name], estimator=SUBJECT)))
     columns: list[Column] = [
         (estimator_label(name), lambda rows, name=name: _rate_of(rows, name))  # type: ignore[misc]
         for name in names(rows, "estimator")
@@ -180,7 +155,7 @@ def rates_chart(rows: Sequence[Row], group: Callable[[Row], str], title: str) ->
             values.setdefault(name, {}).setdefault(group(row), [])
         for text, members in values[name].items():
             chosen = [row for row in of if group(row) == text]
-            members += [_percent(seed) for seed in split(chosen, "seed").values()]
+            members += [held_rate(seed) for seed in split(chosen, "seed").values()]
     return Picture.of(title, _CAPTION, charts.bars(values, title="", ylabel="held [%]"))
 
 
@@ -209,8 +184,8 @@ def beside_table(rows: Sequence[Row], earlier: Sequence[Row], objects: Groups) -
 
     columns: list[Column] = [
         ("trials", lambda pairs: str(len(pairs))),
-        ("before [%]", lambda pairs: f"{_percent([other for _, other in pairs]):.0f}"),
-        ("now [%]", lambda pairs: f"{_percent([row for row, _ in pairs]):.0f}"),
+        ("before [%]", lambda pairs: f"{held_rate([other for _, other in pairs]):.0f}"),
+        ("now [%]", lambda pairs: f"{held_rate([row for row, _ in pairs]):.0f}"),
         ("difference, other objects", lambda pairs: difference(pairs)),
         ("this version is", verdict),
     ]

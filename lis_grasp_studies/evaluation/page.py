@@ -8,14 +8,15 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 
+from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
 from lis_grasp_studies.evaluation.configuration import Configuration
 from lis_grasp_studies.evaluation.grasp_parts import GraspsPart
 from lis_grasp_studies.evaluation.grasp_tables import beside_table
-from lis_grasp_studies.evaluation.part import Answer
+from lis_grasp_studies.evaluation.part import Part
 from lis_grasp_studies.harness.page import write_page
-from lis_grasp_studies.harness.tables import Table, write_tables
+from lis_grasp_studies.harness.tables import Table, split, write_tables
 
 _METHOD = (
     "Objects are the units of intervals for “other objects”: whole objects are drawn, each with all"
@@ -28,9 +29,63 @@ _METHOD = (
 def published_numbers(
     configuration: Configuration, rows: Sequence[Row]
 ) -> dict[str, dict[str, float]]:
-    """Return the numbers of the answers by part and question, for pages that quote them."""
-    answers = _answers(configuration, configuration.ordered(rows))
-    return {f"{part}: {answer.question}": answer.numbers for part, answer in answers}
+    """Return the numbers of each part that has rows, for pages that quote them."""
+    return {
+        name: {"objects": len({row.get("object", row.get("shape")) for row in of})}
+        | configuration.parts[name].numbers(of)
+        for name, of in configuration.ordered(rows).items()
+        if of
+    }
+
+
+def fill_template(
+    template: Path, configuration: Configuration, rows: Sequence[Row], earlier: Sequence[Row] = ()
+) -> str:
+    """Return a page: a text in which numbers, tables and the measured state are fields.
+
+    Fields are those of Python's format: ``{grasps[blend]:.0f}`` is a number of a part,
+    ``{tables[lies.lies]:main | first 5}`` lines of a table (see `Table`), ``{state}`` the version
+    and the commits. Arguments as of `write_results`.
+
+    Raises `InvalidFileError` if the rows have no such number, table or line.
+    """
+    parts = configuration.ordered(rows)
+    tables = {
+        f"{name}.{table.name}": table
+        for name, of in parts.items()
+        for table in _tables(configuration.parts[name], of, earlier)
+    }
+    fields = published_numbers(configuration, rows) | {"tables": tables, "state": state_of(parts)}
+    try:
+        return template.read_text(encoding="utf-8").format_map(fields)
+    except (LookupError, ValueError) as error:
+        raise InvalidFileError(
+            f"{template} must ask for numbers and tables of the rows; it asks for {error}",
+            path=template,
+        ) from None
+
+
+def _tables(part: Part, rows: Sequence[Row], earlier: Sequence[Row]) -> list[Table]:
+    """Return the tables of a part that have lines."""
+    if not rows:
+        return []
+    tables = part.tables(rows)
+    if isinstance(part, GraspsPart) and earlier:
+        tables.insert(0, beside_table(rows, earlier, part.objects))
+    return [table for table in tables if table.body]
+
+
+def state_of(parts: Mapping[str, list[Row]]) -> str:
+    """Return the version and the commit of all rows; of several, the parts of each."""
+    places = split(
+        ({"part": name} | row for name, of in parts.items() for row in of), "version", "commit"
+    )
+    texts = []
+    for (version, commit), rows in places.items():
+        named = ", ".join(dict.fromkeys(row["part"] for row in rows))
+        of = f" ({named})" if len(places) > 1 else ""
+        texts.append(f"version {version} at commit {commit}{of}")
+    return " and ".join(texts)
 
 
 def write_results(
@@ -57,14 +112,19 @@ def write_results(
         Rows of the study of unknown objects by an earlier version, compared trial by trial.
     """
     parts = configuration.ordered(rows)
-    answers = _answers(configuration, parts)
+    answers = [
+        (*answer, name)
+        for name, of in parts.items()
+        if of
+        for answer in configuration.parts[name].answers(of).items()
+    ]
     title = "Results"
     head = _header(configuration, parts, command)
     table = Table(
         "answers",
         "Numbers first",
         ("question", "answer", "part"),
-        tuple((answer.question, answer.answer, part) for part, answer in answers),
+        tuple(answers),
     )
     markdown = [f"# {title}\n\n{head}\n", table.markdown(), _METHOD + "\n"]
     marked = re.sub("`([^`]*)`", r"<code>\1</code>", escape(head))
@@ -73,10 +133,7 @@ def write_results(
         if not of:
             continue
         part = configuration.parts[name]
-        tables, pictures = part.tables(of), part.pictures(of)
-        if isinstance(part, GraspsPart) and earlier:
-            tables.insert(0, beside_table(of, earlier, part.objects))
-        tables = [table for table in tables if table.body]
+        tables, pictures = _tables(part, of, earlier), part.pictures(of)
         counts = _counts(of)
         markdown.append(f"## {part.title}\n\n{counts}\n")
         html.append(f"<h1>{escape(part.title)}</h1><p>{escape(counts)}</p>")
@@ -95,29 +152,15 @@ def write_results(
     write_text(folder / "numbers.json", f"{numbers}\n")
 
 
-def _answers(
-    configuration: Configuration, parts: Mapping[str, list[Row]]
-) -> list[tuple[str, Answer]]:
-    return [
-        (name, answer)
-        for name, rows in parts.items()
-        if rows
-        for answer in configuration.parts[name].answers(rows)
-    ]
-
-
 def _header(configuration: Configuration, parts: Mapping[str, list[Row]], command: str) -> str:
     rows = [row for of in parts.values() for row in of]
-    versions = sorted({str(row["version"]) for row in rows})
-    commits = sorted({str(row["commit"]) for row in rows})
     trials = list(configuration.jobs(None))
     whole = {(job.trial, job.variants) for job in trials}
     left = [j for j in configuration.missing(None, rows) if (j.trial, j.variants) in whole]
-    text = (
-        f"Measured with lis_grasp {', '.join(versions)}, commit {', '.join(commits)}, by"
-        f" `{command}`: {len(rows)} rows of {len(trials) - len(left)} of {len(trials)} trials."
+    return (
+        f"Measured with {state_of(parts)}, by `{command}`: {len(rows)} rows of"
+        f" {len(trials) - len(left)} of {len(trials)} trials."
     )
-    return text if len(commits) == 1 else f"{text} Rows of several commits are mixed."
 
 
 def _counts(rows: Sequence[Row]) -> str:

@@ -36,15 +36,6 @@ class Places:
         return [str(self.meshes / name) if name in meshes else name for name in names]
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """A question of the results page, its answer, and the numbers in it by their names."""
-
-    question: str
-    answer: str
-    numbers: dict[str, float]
-
-
 class Part(BaseModel):
     """What all parts have."""
 
@@ -54,6 +45,8 @@ class Part(BaseModel):
     variants: list[str] = Field(min_length=1)
     seconds: float = Field(gt=0.0)
     """Expected time of a job on one core, for all variants, until there are rows [s]."""
+    first: int = Field(default=0, ge=0)
+    """Round of the evaluation in which the part begins."""
 
     experiment: ClassVar[Experiment]
 
@@ -74,15 +67,20 @@ class Part(BaseModel):
         """Return the charts of some rows."""
         return []
 
-    def answers(self, rows: Sequence[Row]) -> list[Answer]:
-        """Return the numbers of some rows that are published first."""
-        return []
+    def answers(self, rows: Sequence[Row]) -> dict[str, str]:
+        """Return the answers of some rows that are published first, by their questions."""
+        return {}
+
+    def numbers(self, rows: Sequence[Row]) -> dict[str, float]:
+        """Return numbers of some rows that pages quote, by their names."""
+        return {}
 
 
 class SeedsPart(Part):
-    """A part whose rounds have one seed each."""
+    """A part whose trials are those of seeds."""
 
-    seeds: list[int] = Field(min_length=1)
+    seeds: list[int | list[int]] = Field(min_length=1)
+    """One or several for each round."""
 
     @property
     def rounds(self) -> int:
@@ -91,8 +89,9 @@ class SeedsPart(Part):
 
     def round(self, number: int, places: Places) -> Iterator[Any]:
         """Yield the trials of a round; none after the last."""
-        for seed in self.seeds[number : number + 1]:
-            yield from self.trials(seed, places)
+        for seeds in self.seeds[number : number + 1]:
+            for seed in [seeds] if isinstance(seeds, int) else seeds:
+                yield from self.trials(seed, places)
 
     def trials(self, seed: int, places: Places) -> Iterator[Any]:
         """Yield the trials of a seed."""

@@ -19,6 +19,7 @@ from lis_grasp_studies.contact_study.tables import (
     LOSS,
     MEASURES,
     WORST,
+    ErrorRatio,
     by_family_table,
     calibration_table,
     error_ratios,
@@ -30,7 +31,7 @@ from lis_grasp_studies.evaluation.command_parts import CommandsPart, FitsPart, S
 from lis_grasp_studies.evaluation.exploration import EXPLORATION, ExplorationTrial
 from lis_grasp_studies.evaluation.grasp_parts import GraspsPart, SimulatorsPart
 from lis_grasp_studies.evaluation.grasp_tables import ALL, REFERENCE, SUBJECT
-from lis_grasp_studies.evaluation.part import Answer, Part, Places, SeedsPart, group_of, interleaved
+from lis_grasp_studies.evaluation.part import Part, Places, SeedsPart, group_of, interleaved
 from lis_grasp_studies.figures.palette import estimator_label
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.page import Picture
@@ -41,6 +42,7 @@ from lis_grasp_studies.harness.tables import (
     mean_cell,
     median_cell,
     split,
+    values_of,
 )
 from lis_grasp_studies.paper.report import TITLES, object_bars
 from lis_grasp_studies.paper.tables import changes_table, claims_table, experiment_table
@@ -76,14 +78,18 @@ class PaperPart(SeedsPart):
         table = experiment_table(rows, "whole", "edge_rmsd")
         return [Picture.of("Edges", caption, object_bars(table, "True edges to estimate"))]
 
-    def answers(self, rows: Sequence[Row]) -> list[Answer]:
-        """Return the errors at edges [mm]."""
+    def answers(self, rows: Sequence[Row]) -> dict[str, str]:
+        """Return the errors at edges."""
+        edges = self.numbers(rows).items()
+        text = ", ".join(f"{value:.1f} mm ({estimator_label(name)})" for name, value in edges)
+        return {"How far are sharp edges from the estimate?": text} if text else {}
+
+    def numbers(self, rows: Sequence[Row]) -> dict[str, float]:
+        """Return the error at edges of each estimator [mm]."""
         if "whole" not in self._whole(rows)[1]:
-            return []
+            return {}
         table = experiment_table(rows, "whole", "edge_rmsd")
-        found = {name: 1e3 * table.overall(name) for name in table.estimators}
-        text = ", ".join(f"{value:.1f} mm ({estimator_label(n)})" for n, value in found.items())
-        return [Answer("How far are sharp edges from the estimate?", text, found)]
+        return {name: 1e3 * table.overall(name) for name in table.estimators}
 
     def _whole(self, rows: Sequence[Row]) -> tuple[list[Row], list[PaperExperiment]]:
         """Return the experiments with a whole seed, whose tables name each object, and their rows.
@@ -135,12 +141,11 @@ class SurfacesPart(SeedsPart):
         lost, families = losses_table(ratios, SUBJECT), by_family_table(ratios, SUBJECT)
         large = tuple(line for line in lost.body if max(map(float, line[4:6])) > WORST)
         whole = tuple(line for line in families.body if line[1] == ALL)
-        names = [name for name in self.variants if name != TRUTH]
         return [
             replace(lost, title=f"{lost.title}, above {WORST}", body=large),
             replace(families, body=whole),
             error_table(rows, self.variants),
-            calibration_table(rows, names),
+            calibration_table(rows, [SUBJECT, REFERENCE]),
         ]
 
     def pictures(self, rows: Sequence[Row]) -> list[Picture]:
@@ -149,15 +154,28 @@ class SurfacesPart(SeedsPart):
         others = [name for name in self.variants if name not in (TRUTH, REFERENCE)]
         return [family_chart(ratios, REFERENCE, others)]
 
-    def answers(self, rows: Sequence[Row]) -> list[Answer]:
+    def answers(self, rows: Sequence[Row]) -> dict[str, str]:
         """Return the geometric means of both ratios."""
-        ratios = [r for r in error_ratios(rows, REFERENCE) if r.estimator == SUBJECT]
-        both = {name: summarise(ratios, name) for name in MEASURES}
-        texts = [f"{mean.text()} {name.replace('_', ' ')}" for name, mean in both.items()]
+        ratios = self._ratios(rows)
+        texts = [f"{summarise(ratios, name).text()} {name.replace('_', ' ')}" for name in MEASURES]
         lost = sum(ratio.worst > LOSS for ratio in ratios)
         text = f"times that of GPIS: {', '.join(texts)}; larger in {lost} of {len(ratios)} sets"
-        question = "How large is the error of blend on other objects, with any contacts?"
-        return [Answer(question, text, {name: mean.mean for name, mean in both.items()})]
+        return {"How large is the error of blend on other objects, with any contacts?": text}
+
+    def numbers(self, rows: Sequence[Row]) -> dict[str, float]:
+        """Return the geometric means of both ratios, of all objects and of each family."""
+        ratios = self._ratios(rows)
+        groups = {"": ratios}
+        for ratio in ratios:
+            groups.setdefault(f"{ratio.family} ", []).append(ratio)
+        return {
+            f"{prefix}{name}": summarise(of, name).mean
+            for prefix, of in groups.items()
+            for name in MEASURES
+        }
+
+    def _ratios(self, rows: Sequence[Row]) -> list[ErrorRatio]:
+        return [r for r in error_ratios(rows, REFERENCE) if r.estimator == SUBJECT]
 
 
 class LiesPart(SeedsPart):
@@ -200,8 +218,6 @@ class ExplorationPart(SeedsPart):
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return the measures of each policy, by group of objects and number of touches."""
-        group = group_of(self.objects)
-        rows = [row | {"group": group[row["object"]]} for row in rows]
         columns: list[Column] = [
             ("runs", lambda rows: str(len(rows))),
             ("surface covered", mean_cell("coverage", digits=2)),
@@ -212,9 +228,23 @@ class ExplorationPart(SeedsPart):
             ("probes", mean_cell("probes")),
             ("robot [s]", mean_cell("seconds")),
         ]
-        groups = split(rows, "group", "count", "policy")
         title = "What is known after some touches"
-        return [grouped_table("policies", title, "objects | touches | policy", groups, columns)]
+        first = "objects | touches | policy"
+        return [grouped_table("policies", title, first, self._groups(rows), columns)]
+
+    def numbers(self, rows: Sequence[Row]) -> dict[str, float]:
+        """Return the mean coverage and the robot's mean time [s] of each group."""
+        return {
+            " ".join(map(str, (*group, name))): float(values_of(of, name).mean())
+            for group, of in self._groups(rows).items()
+            for name in ("coverage", "seconds")
+        }
+
+    def _groups(self, rows: Sequence[Row]) -> dict[tuple[str, int, str], list[Row]]:
+        """Return rows by group of objects, number of touches and policy."""
+        group = group_of(self.objects)
+        named = [row | {"group": group[row["object"]]} for row in rows]
+        return split(named, "group", "count", "policy")
 
 
 AnyPart = (

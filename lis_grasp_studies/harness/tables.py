@@ -66,6 +66,24 @@ class Table:
         lines = [self.head, ("---",) * len(self.head), *self.body]
         return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
+    def __format__(self, choice: str) -> str:
+        """Return some lines as Markdown; all by default.
+
+        A choice is of conditions separated by " | ": "first 5", or texts separated by "; ", one of
+        which is a cell of the line.
+        """
+        lines = self.body
+        for condition in choice.split(" | ") if choice else ():
+            word, _, count = condition.partition(" ")
+            if word == "first":
+                lines = lines[: int(count)]
+            else:
+                texts = set(condition.split("; "))
+                lines = tuple(line for line in lines if not texts.isdisjoint(line))
+        if not lines:
+            raise ValueError(f"table {self.name} has no line {choice!r}")
+        return Table(self.name, self.title, self.head, lines).markdown().rstrip()
+
     def latex(self) -> str:
         """Return the table for LaTeX with the package booktabs."""
         head, *lines = (

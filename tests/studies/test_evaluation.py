@@ -27,8 +27,7 @@ from lis_grasp_studies.evaluation.grasp_tables import (
     attempts_table,
     beside_table,
     families_table,
-    held_rates,
-    published_objects,
+    held_rate,
     ways_table,
 )
 from lis_grasp_studies.evaluation.grasps import GraspTrial, measure_grasps
@@ -165,7 +164,7 @@ def test_every_beginning_of_the_shipped_trials_is_balanced(name: str) -> None:
 
 
 def test_every_beginning_of_the_objects_has_of_each_group_its_fraction() -> None:
-    groups = published_objects()
+    groups = Configuration.load(SHIPPED / "published.yaml").parts["grasps"].objects
     total, counts = sum(map(len, groups.values())), Counter[str]()
     for group, _ in interleaved(groups):
         counts[group] += 1
@@ -174,6 +173,17 @@ def test_every_beginning_of_the_objects_has_of_each_group_its_fraction() -> None
             # Members are at the middles of equal intervals: each group is off by half a member.
             bound = 0.5 + 0.5 * len(groups) * fraction
             assert abs(counts[name] - counts.total() * fraction) <= bound + 1e-9
+
+
+def test_the_published_trials_begin_with_the_most_important() -> None:
+    jobs = list(Configuration.load(SHIPPED / "published.yaml").jobs(EVERYWHERE))
+    order = [job.trial.part for job in jobs]
+    assert list(dict.fromkeys(order))[:4] == ["grasps", "surfaces", "hard", "exploration"]
+    once = [job.trial.trial.trial for job in jobs[: order.index("surfaces")]]
+    assert {(trial.hand, trial.seed) for trial in once} == {("allegro", 0), ("wsg50", 4)}
+    assert len({trial.object for trial in once}) == 40
+    seeds = [job.trial.trial.seed for job in jobs if job.trial.part == "surfaces"]
+    assert order[: order.index("simulators")].count("surfaces") == len(seeds)
 
 
 @pytest.mark.parametrize(("name", "hours"), [("published", 12.0), ("quick", 0.25)])
@@ -202,7 +212,7 @@ def lifts(
 def test_rates_and_tables_are_those_counted_by_hand() -> None:
     # Cups: blend 1 of 2, gpis 2 of 2. Pens: blend 2 of 2, gpis 1 of 2.
     rows = lifts({"blend": [1, 1, 0, 1], "gpis": [1, 0, 1, 1]})
-    assert held_rates(rows) == {"blend": 75.0, "gpis": 75.0, "blend 20": 75.0, "gpis 20": 75.0}
+    assert held_rate(rows) == 75.0
     groups = {"tools": ["pen"], "vessels": ["cup"]}
     body = families_table(rows, groups).body
     assert body[0] == ("vessels", "1", "50", "100", "−50.0")  # the loss first
@@ -245,7 +255,7 @@ parts:
     {measure: lies, title: Lies, objects: {simple: [gear]}, part: 10, fits: false,
      variants: [clean], seeds: [1], seconds: 1}
   grasps:
-    {measure: grasps, title: Grasps, objects: {scans: [nowhere.ply]}, hands: {wsg50: [0]},
+    {measure: grasps, title: Grasps, objects: {scans: [nowhere.ply]}, hands: [{wsg50: 0}],
      noise: none, budgets: "4", variants: [gpis, blend], seconds: 5}
 """
 
@@ -270,7 +280,7 @@ def test_one_command_measures_stores_and_reports(tmp_path: Path) -> None:
         stored = read_parquet(output / "rows" / f"{name}.parquet")
         assert len(stored) == sum(row["part"] == name for row in rows)
     numbers = json.loads((output / "numbers.json").read_text())
-    edges = numbers["paper: How far are sharp edges from the estimate?"]
+    edges = numbers["paper"]
     assert edges["blend"] < edges["gpis"]
     page = (output / "results.md").read_text()
     assert f"{edges['blend']:.1f} mm (blend)" in page
@@ -282,6 +292,7 @@ def test_one_command_measures_stores_and_reports(tmp_path: Path) -> None:
         ordered = known.ordered(rows)[name]
         for count in range(1, len(ordered), 3):
             part.tables(ordered[:count]), part.answers(ordered[:count])
+            part.numbers(ordered[:count])
     # The Parquet files alone give the same page.
     (output / "rows.jsonl").unlink()
     file.unlink()
