@@ -21,8 +21,8 @@ _ROUNDING = 1e-12
 # largest area, k g_k^2 with the gap g_k of contact k. From 0.4 to 0.8 the estimates change little.
 _COVERED = 0.5
 
-# No area is larger than that of the box round the contacts; of so few contacts, than half of it.
-_FEW = 4
+# Fewer places than this cover less than their gaps squared: along a rod the area is overestimated.
+_FEW = 8
 
 # An object ends at least so far beyond its contacts, in spacings of places.
 _MARGIN = 0.25
@@ -55,8 +55,7 @@ class ContactPlaces:
         if len(order) < 2:
             return cls(order, np.zeros(len(points), dtype=np.intp), LONE_CONTACT_SPACING)
         rank = np.arange(1, len(order))
-        largest = np.where(rank < _FEW, 0.5, 1.0) * box_area(points)
-        covered = np.minimum(rank * gaps[1:] ** 2, largest)
+        covered = np.minimum(rank / _FEW, 1.0) * rank * gaps[1:] ** 2
         last = 1 + int(np.flatnonzero(covered >= _COVERED * covered.max())[-1])
         nodes = order[: last + 1]
         return cls(nodes, cKDTree(points[nodes]).query(points)[1].astype(np.intp), gaps[last])

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
+from scipy.spatial import cKDTree
 
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces import BlendedImplicitSurface
+from lis_grasp.surfaces.contact_places import ContactPlaces
 from lis_grasp.typing import FloatArray
 
 SIZE = 0.2
@@ -60,6 +63,19 @@ def log_ratio_of_errors(name: str, kind: str, seed: int) -> float:
     chosen = [np.array(first), np.array(first + more)]
     errors = [root_mean_square(Contacts(points[k], normals[k]), points[::9]) for k in chosen]
     return float(np.log(errors[1] / errors[0]))
+
+
+@pytest.mark.parametrize("count", [60, 300])
+def test_every_even_contact_of_a_branched_object_is_a_place(count: int) -> None:
+    # A T: its box has three times its area, and a few contacts are far apart along its bars.
+    bars = [trimesh.creation.box(sides) for sides in ((0.023, 0.02, 0.2), (0.16, 0.034, 0.036))]
+    bars[1].apply_translation((0.0, 0.0, 0.1))
+    points = np.vstack([trimesh.sample.sample_surface_even(bar, 3000, seed=3)[0] for bar in bars])
+    chosen = points[spread(points, count, np.random.default_rng(3))]
+    places = ContactPlaces.of(chosen)
+    gaps, _ = cKDTree(chosen).query(chosen, k=2)
+    assert len(places.nodes) > 0.9 * count
+    assert places.spacing == pytest.approx(np.median(gaps[:, 1]), rel=0.25)
 
 
 def test_more_true_contacts_near_others_lower_the_expected_error() -> None:
