@@ -14,7 +14,6 @@ from lis_grasp.grasping.grasps import Reach
 from lis_grasp.grasping.inverse_kinematics import solve_ik
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import SEATING, Hand
-from lis_grasp.robots.pose_filter import HandPoseFilter
 from lis_grasp.robots.robot_model import Pad
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
@@ -48,8 +47,8 @@ def lowest_contact(hand: Hand) -> float:
 class CandidateFilter:
     """Solves the inverse kinematics of contact sets and rejects those that collide.
 
-    A fast filter and then FCL check every link at the grasp, at the opened posture and along the
-    approach. `rejected` counts the rejected contact sets by reason:
+    FCL checks every link at the grasp, at the opened posture and along the approach. `rejected`
+    counts the rejected contact sets by reason:
 
     - ``out_of_reach``: a pad stays too far from its contact;
     - ``pad_does_not_face_the_surface``: a contact is outside its pad;
@@ -85,7 +84,6 @@ class CandidateFilter:
         self._checker = HandCollisionChecker(
             hand, mesh, support_height=support_height, clearance=clearance, obstacles=obstacles
         )
-        self._filter = HandPoseFilter(hand, mesh)
         self._is_fixed = np.isin(hand.fingers, hand.fixed_fingers)  # (F,)
         self._opening = np.where(self._is_fixed, 0.0, 1.0 + self._is_fixed.any())[:, None]
         self._offsets = fingertip_offsets(hand)
@@ -105,7 +103,7 @@ class CandidateFilter:
         self.rejected["pad_does_not_face_the_surface"] += int((near & ~facing).sum())
         kept = np.flatnonzero(near & facing)
         X_OH, q = batch.X_OH[kept], batch.q[kept]
-        kept = kept[self._free("grasp", X_OH, q, X_OH[:, None], pads_may_touch=True)]
+        kept = kept[self._free("grasp", q, X_OH[:, None], pads_may_touch=True)]
         if self._is_fixed.any():
             kept = kept[self._with_free_jaws(batch.subset(kept))]
         lift = np.linspace(0.0, LIFT, _LIFT_STEPS)[:, None] * [0.0, 0.0, 1.0]
@@ -116,7 +114,7 @@ class CandidateFilter:
         away = replace(batch, points=batch.points + _OPENING * self._opening * batch.normals)
         opened = solve_ik(self._hand, away, palm_fixed=True).q
         paths = self._approaches(batch.X_OH)
-        free = np.flatnonzero(self._free("approach", paths[:, 0], opened, paths))
+        free = np.flatnonzero(self._free("approach", opened, paths))
         free = free[self._within_reach(batch.subset(free), opened[free])]
         batch = batch.subset(free)
         clearance = self._checker.clearances(batch.X_OH, batch.q)
@@ -171,32 +169,17 @@ class CandidateFilter:
         moved = replace(batch, points=batch.points + _OFF_JAW * self._opening * batch.normals)
         q, X_OH = solve_ik(self._hand, moved, palm_fixed=True).q, batch.X_OH.copy()
         X_OH[:, :3, 3] += _OFF_JAW * batch.normals[:, self._is_fixed].sum(axis=1)
-        return self._free("grasp", X_OH, q, X_OH[:, None])
+        return self._free("grasp", q, X_OH[:, None])
 
     def _free(
-        self,
-        stage: str,
-        X_OH: FloatArray,
-        q: FloatArray,
-        paths: FloatArray,
-        *,
-        pads_may_touch: bool = False,
+        self, stage: str, q: FloatArray, paths: FloatArray, *, pads_may_touch: bool = False
     ) -> BoolArray:
-        """Return which postures collide neither at X_OH nor on paths (B, W, 4, 4), shape (B,)."""
-        free = ~self._filter.collides(X_OH, q, pads_may_touch=pads_may_touch)
-        self.rejected[f"{stage}_hits_object"] += int((~free).sum())
-        rest = np.flatnonzero(free)
+        """Return which postures do not collide on paths (B, W, 4, 4), shape (B,)."""
         hits = self._checker.first_collisions(
-            paths[rest],
-            q[rest],
-            pads_may_touch=pads_may_touch,
-            tips_lower=self._tips_lower[stage],
+            paths, q, pads_may_touch=pads_may_touch, tips_lower=self._tips_lower[stage]
         )
-        for b, hit in zip(rest, hits, strict=True):
-            if hit is not None:
-                self.rejected[f"{stage}_hits_{hit}"] += 1
-                free[b] = False
-        return free
+        self.rejected += Counter(f"{stage}_hits_{hit}" for hit in hits if hit is not None)
+        return np.array([hit is None for hit in hits], dtype=bool)
 
 
 def _paths(X_OH: FloatArray, moved: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from lis_grasp.lifting.scene import CONTROL_RATE, FingerCommand, LiftingScene, S
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import line, rest_at
 from lis_grasp.robots.hand import SEATING
-from lis_grasp.robots.pose_filter import balls_inside
+from lis_grasp.robots.link_bodies import balls_inside
 from lis_grasp.typing import FloatArray
 
 SETTLE_TIME = 0.1

@@ -18,7 +18,7 @@ from lis_grasp.probing.course import Course, Leg
 from lis_grasp.probing.probe_planner import ProbePlanner
 from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.pose_filter import balls_inside
+from lis_grasp.robots.link_bodies import balls_inside
 from lis_grasp.robots.robot_model import ProbePosture
 from lis_grasp.shapes.mesh_distance import any_inside
 from lis_grasp.typing import FloatArray

@@ -29,6 +29,7 @@ _LEAST_HEIGHT = 2e-5  # of a triangle of a hull [m]
 _FORMATS = (".obj", ".stl", ".dae", ".ply", ".gltf", ".glb", ".off", ".3mf")
 _PARALLEL = 1e-9  # cosine between a line and a face's normal
 _SMALLEST = 1e-6  # size of a body [m]
+_BALL_SPACING = 1.0  # between balls of a long link, in radii
 
 
 class Capsule(yourdfpy.Cylinder):
@@ -187,3 +188,34 @@ def load_visual(visual: LinkVisual) -> trimesh.Trimesh | None:
         return load_mesh(visual.shape, visual.scale)
     except LisGraspError:
         return None
+
+
+def balls_inside(geometry: LinkGeometry) -> tuple[FloatArray, FloatArray]:
+    """Return centres (S, 3) in G and radii (S,) of balls inside a body; none for a shell."""
+    match geometry.kind:
+        case "sphere":
+            return np.zeros((1, 3)), np.array(geometry.dimensions)
+        case "capsule" | "cylinder":
+            radius, length = geometry.dimensions
+            if geometry.kind == "cylinder":
+                radius = min(radius, length / 2.0)
+                length -= 2.0 * radius
+            half = np.array([0.0, 0.0, length / 2.0])
+        case "box":
+            radius = min(geometry.dimensions) / 2.0
+            half = np.array(geometry.dimensions) / 2.0 - radius
+        case "mesh":
+            return _ball_in_mesh(geometry.mesh)
+    counts = np.ceil(2.0 * half / (_BALL_SPACING * radius)).astype(int) + 1
+    axes = (np.linspace(-h, h, n) * (n > 1) for h, n in zip(half, counts, strict=True))
+    centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return centers, np.full(len(centers), radius)
+
+
+def _ball_in_mesh(mesh: trimesh.Trimesh) -> tuple[FloatArray, FloatArray]:
+    """Return the largest ball about the centre of mass of a convex mesh."""
+    center = np.asarray(mesh.center_mass)
+    heights = ((mesh.triangles[:, 0] - center) * mesh.face_normals).sum(axis=1)
+    if not len(heights) or heights.min() <= 0.0:  # an open or concave mesh, perhaps not inside
+        return np.zeros((0, 3)), np.zeros(0)
+    return center[None], np.array([heights.min()])

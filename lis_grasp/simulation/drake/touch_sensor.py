@@ -23,7 +23,7 @@ from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.logs.detection import TouchDetection
 from lis_grasp.probing.course import FREE_POINT_SPACING
-from lis_grasp.robots.pose_filter import balls_inside
+from lis_grasp.robots.link_bodies import balls_inside
 from lis_grasp.simulation.drake._touch_record import TouchRecord
 from lis_grasp.simulation.drake.contact_patches import (
     LinkContact,
