@@ -22,8 +22,6 @@ OBJECT_MASS = 0.5
 """Mass that the arm is to carry [kg]."""
 
 _ENOUGH = 0.4  # fraction of the region that must be reached
-_USED = 0.9  # fraction of an effort limit that gravity may use
-_POSTURES = 60  # in the region, in which efforts are computed
 # A joint's speed is plausible from 0.005 to 20 rad/s or m/s.
 _SLOWEST, _FASTEST = 0.005, 20.0
 _ROUNDING = 1e-6  # of a length [m]
@@ -140,15 +138,14 @@ def _reach(station: Station) -> Iterator[Finding]:
 def _efforts(station: Station) -> Iterator[Finding]:
     arm = station.arm
     targets = palm_targets(station.hand, np.zeros(3), REGION, each=3)[:, 0]
-    every = max(len(targets) // _POSTURES, 1)
-    solutions = station.solve_ik(targets[::every], seeds=4, first=arm.home)
+    solutions = station.solve_ik(targets, seeds=4, first=arm.home)
     q = solutions.q[solutions.solved]
     used = np.abs(gravity_efforts(station, q, load=OBJECT_MASS)) / arm.effort_limits
     if not len(used):
         return
     worst = used.max(axis=0)
     j = int(np.argmax(worst))
-    fine = worst[j] <= _USED
+    fine = worst[j] <= 1.0
     text = (
         f"gravity uses up to {100 * worst[j]:.0f} % of the effort limits ({arm.joint_names[j]}),"
         f" with the hand of {station.hand.mass:.2f} kg and an object of {OBJECT_MASS:g} kg"

@@ -24,12 +24,6 @@ ARM_CLEARANCE = 0.01
 HAND_CLEARANCE = 0.0003
 """The same of the hand's links [m], which grasps of low objects need."""
 
-# Largest displacement of a vertex, in margins: enough for the corner of a box (1.7). More would
-# grow spikes on a rough mesh.
-_LONGEST_MITRE = 2.0
-# Cosine to the faces' normals from which a vertex lies on no edge.
-_FLAT = 0.99
-
 
 class StationChecker:
     """Checks postures of an arm with a hand for collisions.
@@ -37,8 +31,8 @@ class StationChecker:
     Many postures are checked at once by balls that cover the links; what they do not show to be
     free is checked by FCL. Checked are the arm's links with each other, with the hand, with the
     table, its obstacles and the object, and the hand with these too; not the hand with itself.
-    The object is a closed mesh in W [m], true or estimated, enlarged by a margin [m] that the hand
-    also keeps from the table. With `arm_only` the hand may touch both, as at a grasp.
+    The object is a closed mesh in W [m], true or estimated. Arm and hand keep off it by a margin
+    [m], the hand off the table too. With `arm_only` the hand may touch both, as at a grasp.
     """
 
     def __init__(
@@ -58,17 +52,22 @@ class StationChecker:
         moving = np.array([g.link not in arm.fixed_links for g in arm.link_geometries], dtype=bool)
         of_hand = np.full(len(hand.link_geometries), not arm_only)
         self._above_table = np.concatenate([moving, of_hand])
-        self._clear_of_object = np.concatenate([np.ones(self._of_arm, dtype=bool), of_hand])
         self._clearance = np.where(
             np.arange(len(bodies)) < self._of_arm,
             max(ARM_CLEARANCE, margin),
             HAND_CLEARANCE + margin,
         )
         self._outlines = [outline(g) for g in bodies]
-        self._object = None if mesh is None else _Enlarged(mesh, margin)
-        table = station.table
-        obstacles = None if table is None else table.obstacles
-        self._obstacles = None if obstacles is None else _Enlarged(obstacles, 0.0)
+        self._obstacles: list[_Obstacle] = []
+        if mesh is not None:
+            kept_off = np.concatenate([np.ones(self._of_arm, dtype=bool), of_hand])
+            margins = np.full(len(bodies), margin)
+            self._obstacles.append(_Obstacle("object", mesh, kept_off, margins))
+        if station.table is not None and station.table.obstacles is not None:
+            beside = station.table.obstacles
+            self._obstacles.append(
+                _Obstacle("obstacle", beside, self._above_table, self._clearance)
+            )
 
     def free(self, q: FloatArray, q_hand: FloatArray) -> BoolArray:
         """Return which postures of the arm, (N, J), collide with nothing, shape (N,).
@@ -127,7 +126,7 @@ class StationChecker:
         return np.stack([*of_arm, *of_hand], axis=1)
 
     def _near(self, centers: FloatArray) -> BoolArray:
-        """Return which bodies are not surely off table, object and obstacles, (N, G, 3)."""
+        """Return which bodies are not surely off the table and O obstacles, (N, G, 1 + O)."""
         balls, radii = self._pairs.body, self._pairs.radii
         low = np.zeros(centers.shape[:2], dtype=bool)
         table = self._station.table
@@ -135,16 +134,11 @@ class StationChecker:
             low = centers[..., 2] < table.height + radii + self._clearance[balls]
             aside = np.abs(centers[..., :2] - table.center) > table.half_width + radii[:, None]
             low &= ~aside.any(axis=-1) & self._above_table[balls]
-        close = np.zeros_like(low)
-        if self._object is not None:
-            close = self._object.distances_at_least(centers) < radii
-            close &= self._clear_of_object[balls]
-        beside = np.zeros_like(low)
-        if self._obstacles is not None:
-            beside = self._obstacles.distances_at_least(centers) < radii + self._clearance[balls]
-            beside &= self._above_table[balls]
+        kinds = [low]
+        for obstacle in self._obstacles:
+            close = obstacle.distances_at_least(centers) < radii + obstacle.margins[balls]
+            kinds.append(close & obstacle.kept_off[balls])
         starts = np.searchsorted(balls, np.arange(len(self._names)))
-        kinds = (low, close, beside)
         return np.stack([np.logical_or.reduceat(k, starts, axis=1) for k in kinds], axis=-1)
 
     def _hit(
@@ -157,15 +151,11 @@ class StationChecker:
         of_pairs = self._pairs.pairs[candidates].ravel()
         placed = np.flatnonzero(near[:, 1:].any(axis=1))
         self._pairs.place(poses, {*placed.tolist(), *of_pairs.tolist()})
-        if self._object is not None:
-            for body in np.flatnonzero(near[:, 1]):
-                if self._pairs.touches(int(body), self._object.model):
-                    return "object", self._names[body]
-        if self._obstacles is not None:
-            for body in np.flatnonzero(near[:, 2]):
-                apart = self._pairs.distance_to(int(body), self._obstacles.model)
-                if apart < self._clearance[body]:
-                    return "obstacle", self._names[body]
+        for number, obstacle in enumerate(self._obstacles, start=1):
+            for body in np.flatnonzero(near[:, number]):
+                apart = self._pairs.distance_to(int(body), obstacle.model)
+                if apart <= obstacle.margins[body]:
+                    return obstacle.kind, self._names[body]
         pair = next(self._pairs.touching(candidates), None)
         return None if pair is None else ("self", self._names[self._pairs.pairs[pair][1]])
 
@@ -184,40 +174,20 @@ class StationChecker:
         return float(placed[inside, 2].min(initial=np.inf)) - radius
 
 
-class _Enlarged:
-    """An obstacle's mesh, enlarged so that its faces move outwards by a margin [m].
+class _Obstacle:
+    """A mesh, and which bodies are to keep off it, (G,), by which distances (G,) [m]."""
 
-    At cones and sharp wedges they move less, because vertices move by at most two margins.
-    """
-
-    def __init__(self, mesh: trimesh.Trimesh, margin: float) -> None:
-        grown = mesh
-        if margin:
-            vertices = mesh.vertices + margin * _displacements(mesh)
-            grown = trimesh.Trimesh(vertices, mesh.faces, process=False)
-        self._low, self._high = np.asarray(grown.bounds)
-        self._shape = mesh_to_BVH(grown)
-        self.model = fcl.CollisionObject(self._shape, fcl.Transform())
+    def __init__(
+        self, kind: Obstacle, mesh: trimesh.Trimesh, kept_off: BoolArray, margins: FloatArray
+    ) -> None:
+        self.kind, self.kept_off, self.margins = kind, kept_off, margins
+        self._low, self._high = np.asarray(mesh.bounds)
+        self.model = fcl.CollisionObject(mesh_to_BVH(mesh), fcl.Transform())
 
     def distances_at_least(self, points: FloatArray) -> FloatArray:
         """Return the distances of points (..., 3) from the bounding box, 0 inside, (...) [m]."""
         outside = np.maximum(np.maximum(self._low - points, points - self._high), 0.0)
         return np.asarray(np.linalg.norm(outside, axis=-1))
-
-
-def _displacements(mesh: trimesh.Trimesh) -> FloatArray:
-    """Return displacements of the vertices, (V, 3), that move each face by 1 along its normal."""
-    displacements = np.array(mesh.vertex_normals)
-    cosines = np.einsum("fk,fvk->fv", mesh.face_normals, displacements[mesh.faces])
-    least = np.ones(len(displacements))
-    np.minimum.at(least, mesh.faces, cosines)
-    for vertex in np.flatnonzero(least < _FLAT):
-        faces = mesh.vertex_faces[vertex]
-        normals = mesh.face_normals[faces[faces >= 0]]
-        normals = normals[normals.any(axis=1)]  # a face without area has none
-        moved = np.linalg.lstsq(normals, np.ones(len(normals)))[0]
-        displacements[vertex] = moved * min(1.0, _LONGEST_MITRE / np.linalg.norm(moved))
-    return displacements
 
 
 def _pairs(station: Station) -> npt.NDArray[np.intp]:

@@ -73,7 +73,7 @@ class BodyPairs:
         return near
 
     def place(self, poses: FloatArray, bodies: Iterable[int] | None = None) -> None:
-        """Place bodies, by default all, at poses (G, 4, 4) for `touching` and `touches`."""
+        """Place bodies, by default all, at poses (G, 4, 4) for `touching` and distances."""
         for body in range(len(poses)) if bodies is None else bodies:
             X = poses[body]
             self._objects[body].setTransform(fcl.Transform(X[:3, :3], X[:3, 3]))
@@ -98,14 +98,6 @@ class BodyPairs:
         """Return the distance of a body, as it is placed, from an obstacle [m]."""
         result = fcl.DistanceResult()
         return float(fcl.distance(self._objects[body], obstacle, fcl.DistanceRequest(), result))
-
-    def touches(self, body: int, obstacle: fcl.CollisionObject) -> bool:
-        """Return whether a body touches an obstacle, as it is placed."""
-        return bool(
-            fcl.collide(
-                self._objects[body], obstacle, fcl.CollisionRequest(), fcl.CollisionResult()
-            )
-        )
 
 
 def _closer(a: FloatArray, b: FloatArray, reach: FloatArray) -> BoolArray:
