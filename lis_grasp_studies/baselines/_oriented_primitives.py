@@ -93,12 +93,7 @@ def spheres_through(points: FloatArray, normals: FloatArray, pairs: IndexArray) 
     The centre is midway between the two lines of normals, where they are nearest (Schnabel, Wahl
     and Klein 2007, section 4.1).
     """
-    p, q, n, m = (
-        points[pairs[:, 0]],
-        points[pairs[:, 1]],
-        normals[pairs[:, 0]],
-        normals[pairs[:, 1]],
-    )
+    (p, q), (n, m) = points[pairs.T], normals[pairs.T]
     s, t, usable = _nearest_on_lines(p, n, q, m)
     center = 0.5 * (p + s[:, None] * n + q + t[:, None] * m)
     radius = 0.5 * (np.linalg.norm(p - center, axis=1) + np.linalg.norm(q - center, axis=1))
@@ -113,12 +108,7 @@ def cylinders_through(points: FloatArray, normals: FloatArray, pairs: IndexArray
     The axis is across both normals; in the plane across it the normals meet at the centre
     (Schnabel et al. 2007, section 4.1).
     """
-    p, q, n, m = (
-        points[pairs[:, 0]],
-        points[pairs[:, 1]],
-        normals[pairs[:, 0]],
-        normals[pairs[:, 1]],
-    )
+    (p, q), (n, m) = points[pairs.T], normals[pairs.T]
     axis = np.cross(n, m)
     lengths = np.linalg.norm(axis, axis=1)
     axis = axis / np.maximum(lengths, 1e-12)[:, None]

@@ -168,6 +168,13 @@ class FitsPart(SeedsPart):
             ("field [us/point]", median_cell("field", 1e6, 2)),
             ("mesh [s]", median_cell("mesh", digits=2)),
             ("memory [MB]", median_cell("memory", 2**-20)),
+            ("judgement [ms]", median_cell("judge", 1e3)),
         ]
-        title, groups = "Fit, field at a point, mesh, memory", split(rows, "estimator", "contacts")
+        title = "Fit, field at a point, mesh, memory; judgement of the contacts"
+        groups = split(rows, "estimator", "contacts")
         return [grouped_table("fits", title, "estimator | contacts", groups, columns)]
+
+    def numbers(self, rows: Sequence[Row]) -> dict[str, float]:
+        """Return the time of the judgement of so many contacts [s]."""
+        groups = split([row for row in rows if row.get("judge")], "contacts")
+        return {f"judge {n}": float(values_of(of, "judge").min()) for n, of in groups.items()}

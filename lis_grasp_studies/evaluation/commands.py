@@ -23,7 +23,7 @@ from lis_grasp.evaluation.surface_error import sample_mesh
 from lis_grasp.exceptions import EstimationError, LisGraspError
 from lis_grasp.io.json_lines import Row
 from lis_grasp.lifting.outcome import violations
-from lis_grasp.surfaces import ESTIMATORS
+from lis_grasp.surfaces import ESTIMATORS, judge_contacts
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.test_objects.shape_sets import TEST_OBJECTS, build_shape
@@ -189,7 +189,7 @@ class FitTrial:
 
 
 def measure_fit(trial: FitTrial, estimator: str) -> Row:
-    """Return the shortest times of a fit, of the field at a point and of a mesh; and the memory.
+    """Return the shortest times of a fit, of the field at a point, of a mesh and of the judgement.
 
     The field is evaluated within a spacing of the surface; the mesh has cells of 1/64 of the
     object; memory is the peak while fitting (tracemalloc, NumPy's arrays) [B].
@@ -212,6 +212,7 @@ def measure_fit(trial: FitTrial, estimator: str) -> Row:
             "field": _best_time(lambda: surface.evaluate(queries)) / _QUERIES,
             "mesh": _best_time(lambda: extract_mesh(surface, resolution=shape.size / 64)),
             "memory": memory,
+            "judge": _best_time(lambda: judge_contacts(contacts)),
         }
     except LisGraspError as error:
         return {"failure": str(error)}

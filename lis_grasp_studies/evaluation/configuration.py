@@ -19,6 +19,7 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp_studies.evaluation.part import Places
 from lis_grasp_studies.evaluation.parts import KINDS, AnyPart
 from lis_grasp_studies.harness.rows import Job
+from lis_grasp_studies.harness.tables import split
 
 SHIPPED = Path(__file__).parent
 """Folder of the shipped configurations, ``published.yaml`` and ``quick.yaml``."""
@@ -84,12 +85,13 @@ class Configuration(BaseModel):
         ]
 
     def ordered(self, rows: Sequence[Row]) -> dict[str, list[Row]]:
-        """Return the rows of each part in the order of its trials, without all others."""
+        """Return the rows of each part that has some, in the order of its trials."""
         keys = (job.trial.key(name) for job in self.jobs(None) for name in job.variants)
         places = {key: place for place, key in enumerate(keys)}
         keyed = [(places[key], row) for key, row in self._keyed(rows) if key in places]
         keyed.sort(key=lambda pair: pair[0])
-        return {name: [row for _, row in keyed if row["part"] == name] for name in self.parts}
+        found = split((row for _, row in keyed), "part")
+        return {name: found[name] for name in self.parts if name in found}
 
     def _keyed(self, rows: Sequence[Row]) -> Iterator[tuple[Any, Row]]:
         """Yield the rows of all parts, each after its key."""

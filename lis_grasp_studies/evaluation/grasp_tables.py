@@ -48,13 +48,9 @@ def families_table(rows: Sequence[Row], objects: Groups) -> Table:
         return rates[0] - rates[1]
 
     family = group_of(objects)
-    groups = split([row for row in rows if row["object"] in family], "object")
-    by_family: dict[str, list[Row]] = {}
-    for name, of in groups.items():
-        by_family.setdefault(family[name], []).extend(of)
-    ordered = {
-        name: by_family[name] for name in sorted(by_family, key=lambda n: lead(by_family[n]))
-    }
+    named = [row | {"family": family[row["object"]]} for row in rows if row["object"] in family]
+    by_family = split(named, "family")
+    ordered = {n: by_family[n] for n in sorted(by_family, key=lambda n: lead(by_family[n]))}
     columns: list[Column] = [
         ("objects", lambda rows: str(len(names(rows, "object")))),
         *(

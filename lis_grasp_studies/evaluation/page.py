@@ -34,7 +34,6 @@ def published_numbers(
         name: {"objects": len({row.get("object", row.get("shape")) for row in of})}
         | configuration.parts[name].numbers(of)
         for name, of in configuration.ordered(rows).items()
-        if of
     }
 
 
@@ -67,8 +66,6 @@ def fill_template(
 
 def _tables(part: Part, rows: Sequence[Row], earlier: Sequence[Row]) -> list[Table]:
     """Return the tables of a part that have lines."""
-    if not rows:
-        return []
     tables = part.tables(rows)
     if isinstance(part, GraspsPart) and earlier:
         tables.insert(0, beside_table(rows, earlier, part.objects))
@@ -77,14 +74,11 @@ def _tables(part: Part, rows: Sequence[Row], earlier: Sequence[Row]) -> list[Tab
 
 def state_of(parts: Mapping[str, list[Row]]) -> str:
     """Return the version and the commit of all rows; of several, the parts of each."""
-    places = split(
-        ({"part": name} | row for name, of in parts.items() for row in of), "version", "commit"
-    )
+    states = split((row for of in parts.values() for row in of), "version", "commit")
     texts = []
-    for (version, commit), rows in places.items():
-        named = ", ".join(dict.fromkeys(row["part"] for row in rows))
-        of = f" ({named})" if len(places) > 1 else ""
-        texts.append(f"version {version} at commit {commit}{of}")
+    for (version, commit), rows in states.items():
+        named = f" ({', '.join(split(rows, 'part'))})" if len(states) > 1 else ""
+        texts.append(f"version {version} at commit {commit}{named}")
     return " and ".join(texts)
 
 
@@ -112,26 +106,18 @@ def write_results(
         Rows of the study of unknown objects by an earlier version, compared trial by trial.
     """
     parts = configuration.ordered(rows)
-    answers = [
+    answers = tuple(
         (*answer, name)
         for name, of in parts.items()
-        if of
         for answer in configuration.parts[name].answers(of).items()
-    ]
+    )
     title = "Results"
     head = _header(configuration, parts, command)
-    table = Table(
-        "answers",
-        "Numbers first",
-        ("question", "answer", "part"),
-        tuple(answers),
-    )
+    table = Table("answers", "Numbers first", ("question", "answer", "part"), answers)
     markdown = [f"# {title}\n\n{head}\n", table.markdown(), _METHOD + "\n"]
     marked = re.sub("`([^`]*)`", r"<code>\1</code>", escape(head))
     html = [f"<h1>{title}</h1><p>{marked}</p>", table.section(), f"<p>{escape(_METHOD)}</p>"]
     for name, of in parts.items():
-        if not of:
-            continue
         part = configuration.parts[name]
         tables, pictures = _tables(part, of, earlier), part.pictures(of)
         counts = _counts(of)

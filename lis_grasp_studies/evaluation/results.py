@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import InitVar, dataclass, field
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
@@ -58,8 +58,7 @@ class EvaluationResults:
     def write_parquet(self, rows: dict[str, list[Row]]) -> None:
         """Write the rows of each part as a Parquet file named after it."""
         for name, part in rows.items():
-            if part:
-                write_parquet(self.folder / "rows" / f"{name}.parquet", part)
+            write_parquet(self.folder / "rows" / f"{name}.parquet", part)
 
 
 def write_parquet(path: Path, rows: Sequence[Row]) -> None:
@@ -70,32 +69,6 @@ def write_parquet(path: Path, rows: Sequence[Row]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as temporary:
         parquet.write_table(table, temporary, compression="zstd")
-
-
-@dataclass(slots=True)
-class Costs:
-    """Expected times of jobs, from the rows so far and before them from the configuration."""
-
-    configuration: Configuration
-    rows: InitVar[Sequence[Row]]
-    total: float = 0.0
-    """Of all jobs [s]."""
-    _sums: dict[str, tuple[int, float]] = field(default_factory=dict)
-
-    def __post_init__(self, rows: Sequence[Row]) -> None:
-        for part, seconds in {(row["part"], row["job_seconds"]) for row in rows}:
-            self.add(part, seconds)
-
-    def add(self, part: str, seconds: float) -> None:
-        """Add the time of a job [s]."""
-        count, before = self._sums.get(part, (0, 0.0))
-        self._sums[part] = count + 1, before + seconds
-        self.total += seconds
-
-    def expected(self, job: Job) -> float:
-        """Return the expected time of a job [s]: the mean of those of its part."""
-        count, seconds = self._sums.get(job.trial.part, (0, 0.0))
-        return seconds / count if count else self.configuration.parts[job.trial.part].seconds
 
 
 @dataclass(slots=True)
@@ -120,8 +93,8 @@ class Evaluation:
     results: EvaluationResults
     scheduler: Scheduler
     hours: float | None = None
-    left: list[Job] = field(default_factory=list)
-    """Jobs that have not been started."""
+    spent: dict[str, list[float]] = field(default_factory=dict)
+    """Times of the jobs of each part so far [s]."""
 
     def run(self) -> Iterator[tuple[int, int, float]]:
         """Yield the numbers of jobs done and in total, and the time that the rest needs [s].
@@ -131,34 +104,36 @@ class Evaluation:
         Errors as of `run_trials`.
         """
         known = self.results.read()
-        costs = Costs(self.configuration, known)
-        self.left = self.configuration.missing(self.places, known)
-        total = sum(1 for _ in self.configuration.jobs(self.places))
-        start, made = time.time(), costs.total
+        for part, seconds in {(row["part"], row["job_seconds"]) for row in known}:
+            self.spent.setdefault(part, []).append(seconds)
+        left = self.configuration.missing(self.places, known)
+        total, missing = sum(1 for _ in self.configuration.jobs(self.places)), len(left)
+        start, before = time.time(), self._total()
         end = np.inf if self.hours is None else start + 3600.0 * self.hours
 
         def jobs() -> Iterator[Job]:
-            while self.left and time.time() + costs.expected(self.left[0]) <= end:
-                yield self.left.pop(0)
+            while left and time.time() + self.expected(left[0]) <= end:
+                yield left.pop(0)
 
-        receiver = _Receiver(self.results.lines, costs)
-        missing = len(self.left)
-        for done, _ in run_trials(jobs(), missing, receiver, self.scheduler, measure_part):
-            rate = (costs.total - made) / max(time.time() - start, 1e-9)
-            rest = sum(map(costs.expected, self.left)) / rate if rate else np.inf
+        for done, _ in run_trials(jobs(), missing, self, self.scheduler, measure_part):
+            rate = (self._total() - before) / max(time.time() - start, 1e-9)
+            rest = sum(map(self.expected, left)) / rate if rate else np.inf
             yield total - missing + done, total, min(rest, end - time.time())
 
-
-@dataclass(frozen=True, slots=True)
-class _Receiver:
-    """Appends rows, with the commit, and learns their cost."""
-
-    lines: TrialResults
-    costs: Costs
-
     def append(self, rows: Sequence[Row]) -> None:
-        self.lines.append([row | {"version": __version__, "commit": commit()} for row in rows])
-        self.costs.add(rows[0]["part"], rows[0]["job_seconds"])
+        """Store the rows of a job with the commit, and learn what it cost."""
+        made_by = {"version": __version__, "commit": commit()}
+        self.results.lines.append([row | made_by for row in rows])
+        self.spent.setdefault(rows[0]["part"], []).append(rows[0]["job_seconds"])
+
+    def expected(self, job: Job) -> float:
+        """Return the expected time of a job [s]: the mean of its part, or the configuration's."""
+        part = job.trial.part
+        times = self.spent.get(part) or [self.configuration.parts[part].seconds]
+        return sum(times) / len(times)
+
+    def _total(self) -> float:
+        return sum(map(sum, self.spent.values()))
 
 
 @lru_cache(maxsize=1)

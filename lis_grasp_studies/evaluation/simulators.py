@@ -98,12 +98,6 @@ def difference_table(rows: Sequence[Row], estimator: str, reference: str) -> Tab
     return grouped_table("by_hand", "Difference in points", "simulator", groups, columns)
 
 
-def disagreements(rows: Sequence[Row]) -> dict[tuple, list[Row]]:
-    """Return the rows of the grasps that one simulator holds only, by their keys."""
-    lifts = split(rows, *_KEY)
-    return {key: lift for key, lift in lifts.items() if len({row["held"] for row in lift}) > 1}
-
-
 def disagreements_table(rows: Sequence[Row]) -> Table:
     """Return the grasps held in one simulator only."""
 
@@ -118,7 +112,8 @@ def disagreements_table(rows: Sequence[Row]) -> Table:
     ]
     groups = {
         (name, f"`{hand}`", estimator_label(estimator)): lift
-        for (name, hand, _, estimator), lift in disagreements(rows).items()
+        for (name, hand, _, estimator), lift in split(rows, *_KEY).items()
+        if len({row["held"] for row in lift}) > 1
     }
     title = "Held in one simulator only"
     return grouped_table("disagreements", title, "object | hand | planned on", groups, columns)

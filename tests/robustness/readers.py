@@ -61,7 +61,7 @@ from lis_grasp.shapes.placement import draw_pose
 from lis_grasp.surfaces import load_contacts
 from lis_grasp_studies.contact_study.score import SURFACES
 from lis_grasp_studies.evaluation.configuration import SHIPPED, Configuration
-from lis_grasp_studies.evaluation.results import Costs, EvaluationResults
+from lis_grasp_studies.evaluation.results import EvaluationResults
 from lis_grasp_studies.study.study import Study, load_study
 
 _LONGEST_MESSAGE = 1000  # a longer one is a dump of data
@@ -503,7 +503,7 @@ def _write_evaluation_rows(folder: Path) -> Path:
 def _check_evaluation_rows(path: Path) -> None:
     rows = EvaluationResults(path.parent).read()
     configuration = Configuration.load(SHIPPED / "quick.yaml")
-    Costs(configuration, rows)
+    sum(row["job_seconds"] for row in rows)
     configuration.ordered(rows)
 
 

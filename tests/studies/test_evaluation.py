@@ -288,8 +288,8 @@ def test_one_command_measures_stores_and_reports(tmp_path: Path) -> None:
     assert "data:image/png;base64," in (output / "report.html").read_text()
     # A stop after any trial leaves a part that can be reported.
     known = Configuration.load(file)
-    for name, part in known.parts.items():
-        ordered = known.ordered(rows)[name]
+    for name, ordered in known.ordered(rows).items():
+        part = known.parts[name]
         for count in range(1, len(ordered), 3):
             part.tables(ordered[:count]), part.answers(ordered[:count])
             part.numbers(ordered[:count])
