@@ -34,7 +34,7 @@ _PLACES = {
     "grasping.isaac_grasps": "lis_grasp.grasping.export",
     "hands": (
         "lis_grasp.robots, in which hand_mjcf is mjcf and hand_schema is schema; Hand itself is"
-        " lis_grasp.Hand"
+        " lis_grasp.Hand, and the names are lis_grasp.robots.shipped_models.HAND_NAMES"
     ),
     "lifting.lift_outcome": "lis_grasp.lifting.outcome",
     "mujoco_simulation": "lis_grasp.simulation.mujoco, in which simulate_in_mujoco is lift",
@@ -68,17 +68,20 @@ ADVICE = {
     name: f": write {call}"
     for names, call in {
         "blend gpis lis patch smooth": "estimate(contacts, method), as 'gpis' or 'lis'",
-        "draw draw_scene plot show view": "Scene(...).save(path)",
+        "draw plot scene() show view visualize": "Scene(estimate=..., contacts=...).save(path)",
         "explore_object sample_contacts touch": "explore(object, hand).contacts",
         "grasp grasp_planner plan_grasps": "plan(mesh, hand)",
-        "hand_names hands list_hands load_hand": "Hand.load('allegro'), or another name or file",
+        "hand.list hand.names hand_names hands list_hands load_hand": "Hand.load('allegro')",
         "lift_object simulate simulate_lift": "lift(object, hand, grasp)",
-        "load load_mesh load_shape load_surface": "load_contacts(path) or shapes.load(path)",
-        "load_arm load_grasps": "robots.arm.Arm.load(name) or GraspSearch.load(path)",
-        "load_results load_run results": "Run.load(folder)",
-        "mesh surface.mesh surface.to_mesh": "extract_mesh(surface)",
+        "load load_mesh load_object load_shape": "load_contacts(path) or shapes.find(name)",
+        "arm load_arm load_grasps": "robots.arm.Arm.load(name) or GraspSearch.load(path)",
+        "from_folder load_results load_run results": "Run.load(folder)",
+        "marching_cubes mesh to_mesh": "extract_mesh(surface)",
         "next_probe next_touch": "exploration.choose(...), or run `lis-grasp next`",
-        "save_contacts": "contacts.save(path)",
+        "contacts.to_csv save_contacts": "contacts.save(path)",
+        "save_mesh surface.save": "extract_mesh(surface).export(path)",
+        "compare chamfer_distance evaluate rmse": "surface_error(mesh, truth)",
+        "ferrari_canny": "epsilon_quality(points, normals, friction=0.5)",
         "shape_names": "shapes.NAMES",
         "estimator estimators register_estimator": "surfaces.ESTIMATORS, or 'my.module:Class'",
         "policies policy": "exploration.POLICIES, or 'my.module:Class'",
@@ -86,17 +89,21 @@ ADVICE = {
         "contacts.positions contacts.xyz": "points",
         "grasp.contacts": "contact_points",
         "grasp.score": "epsilon or success_probability",
-        "contacts.from_arrays contacts.from_points": (
+        "from_arrays from_numpy from_points": (
             "Contacts(points, normals), or surfaces.estimate_normals(points)"
         ),
         "contacts.from_csv contacts.from_file contacts.from_ply": "load_contacts(path)",
+        "contacts()": "load_contacts(path), or surfaces.estimate_normals(points)",
         "hand.from_file hand.from_urdf hand.from_yaml": (
             "Hand.load(path) of a YAML file, which `lis-grasp hand new FILE` writes"
         ),
-        "runconfig.from_yaml runconfig.load": "RunConfig.from_facts(yaml.safe_load(text))",
-        "shape.from_file shape.load": "shapes.load(path), or shapes.build(name)",
-        "surface.sdf": "evaluate(points)",
-        "surface.normals": "gradient(points)",
+        "runconfig.from_file runconfig.from_yaml": "RunConfig.from_facts(yaml.safe_load(text))",
+        "shape() shape.from_file shape.load": (
+            "shapes.load(path), or shapes.build(name), or Shape.from_mesh(mesh)"
+        ),
+        "distance sdf signed_distance": "evaluate(points): negative inside, 0 on the surface",
+        "normal normals": "gradient(points)",
+        "std variance": "uncertainty(points)",
     }.items()
     for name in names.split()
 }

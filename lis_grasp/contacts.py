@@ -331,11 +331,7 @@ def _require_near(name: str, points: FloatArray) -> None:
 
 
 def _frozen_array(
-    name: str,
-    values: npt.ArrayLike,
-    shape: tuple[int | None, ...],
-    *,
-    allow_nan: bool = False,
+    name: str, values: npt.ArrayLike, shape: tuple[int | None, ...], *, allow_nan: bool = False
 ) -> FloatArray:
     try:
         array = np.array(values)

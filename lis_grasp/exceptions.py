@@ -13,11 +13,19 @@ from pathlib import Path
 
 # Messages quote input, which may be a whole damaged file: the middle of a longer one is left out.
 _LONGEST = 800
+_MOST_NAMED = 8  # rows
 
 
 def counted(number: int, thing: str) -> str:
     """Return a number of things in words, with an s unless it is one."""
     return f"{number} {thing}" + ("" if number == 1 else "s")
+
+
+def named_rows(rows: Iterable[int]) -> str:
+    """Return rows in words, counted from 1."""
+    names = [str(row + 1) for row in rows]
+    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+    return f"row{'s' if len(names) > 1 else ''} {', '.join(names[:_MOST_NAMED])}{more}"
 
 
 def shown(value: object) -> str:

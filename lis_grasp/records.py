@@ -1,10 +1,9 @@
-"""Helpers of records: copies, read-only arrays, subsets, texts, how one is made, and pickling."""
+"""Helpers of records: copies, read-only arrays, subsets, texts, advice, and pickling."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
-from functools import wraps
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -39,7 +38,8 @@ def _refuse(item: Any, name: str) -> Any:
     """
     kind, default = (item, type) if isinstance(item, type) else (type(item), object)
     owner = kind.__name__
-    advice = ADVICE.get(f"{owner[-7:] if owner.endswith('Surface') else owner}.{name}".lower())
+    full = f"{owner[-7:] if owner.endswith('Surface') else owner}.{name}".lower()
+    advice = ADVICE.get(full, ADVICE.get(name))
     if advice is None:
         return default.__getattribute__(item, name)
     raise AttributeError(f"'{owner}' has no attribute '{name}'{advice}", name=name, obj=item)
@@ -49,7 +49,11 @@ Record.__getattr__ = _refuse  # type: ignore[attr-defined]
 
 
 class Answering(type):
-    """Metaclass of dataclasses that answer a guessed class method, or field of a call, too."""
+    """Metaclass of dataclasses that answer guessed members, class methods, and wrong calls."""
+
+    def __init__(cls, *args: Any) -> None:
+        super().__init__(*args)
+        cls.__getattr__ = _refuse  # type: ignore[assignment, method-assign]
 
 
 def _make(cls: Any, *args: Any, **values: Any) -> Any:
@@ -59,9 +63,14 @@ def _make(cls: Any, *args: Any, **values: Any) -> Any:
     except TypeError as error:
         if f"{cls.__name__}.__init__()" not in str(error):
             raise
-        names, call = [item.name for item in fields(cls)], f"{cls.__name__}.from_file".lower()
+        names = [item.name for item in fields(cls)]
         nearest = (nearest_of(name, names) for name in values if name not in names)
-        advice = next(nearest, ADVICE.get(call, ""))
+        advice = next(nearest, ADVICE.get(f"{cls.__name__}()".lower(), ""))
+        for maker in ("from_contacts", "load"):
+            if not advice and callable(getattr(cls, maker, None)):
+                given = ", ".join(map(_short, (*args, *values.values()))) or "..."
+                error = TypeError(f"{cls.__name__} is made by a class method")
+                advice = f": write {cls.__name__}.{maker}({given})"
         raise TypeError(f"{error}{advice}") from None
 
 
@@ -124,32 +133,6 @@ def _short(value: Any) -> str:
             return f"{len(value)} {type(value[0]).__name__}s" if value else "()"
         case _:
             return type(value).__name__
-
-
-def made_by(maker: str) -> Callable[[type[_Record]], type[_Record]]:
-    """Return a decorator of a class that its class method `maker` makes.
-
-    A call of the class with one argument or none raises `TypeError`, which names the method.
-    """
-
-    def decorate(cls: type[_Record]) -> type[_Record]:
-        make = cls.__init__
-
-        @wraps(make)
-        def checked(self: _Record, *args: Any, **fields: Any) -> None:
-            if len(args) + len(fields) <= 1:
-                given = ", ".join(map(_short, (*args, *fields.values()))) or "..."
-                raise TypeError(
-                    f"{cls.__name__} is made by a class method:"
-                    f" write {cls.__name__}.{maker}({given})"
-                )
-            make(self, *args, **fields)
-
-        cls.__init__ = checked  # type: ignore[assignment]
-        cls.__getattr__ = _refuse  # type: ignore[attr-defined]
-        return cls
-
-    return decorate
 
 
 def reduce_record(record: Any) -> tuple[type, tuple[Any, ...]]:

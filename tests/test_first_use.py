@@ -24,6 +24,7 @@ from lis_grasp.cli.options import configure_touch
 from lis_grasp.exceptions import (
     InvalidContactsError,
     InvalidFileError,
+    InvalidMeshError,
     InvalidOptionError,
     LisGraspWarning,
     NoGraspError,
@@ -177,6 +178,27 @@ def test_an_unknown_option_is_refused_with_the_nearest(tmp_path: Path) -> None:
             lis_grasp.estimate(CONTACTS, **{given: "gpis"})
 
 
+@pytest.mark.parametrize(("count", "worth"), [(1, "no size"), (9, "little more than position")])
+def test_an_estimate_from_few_contacts_says_what_it_is_worth(count: int, worth: str) -> None:
+    points = np.repeat(0.03 * AXES, 2, axis=0)[:count] + 0.01 * np.eye(12, 3)[:count]
+    with pytest.warns(LisGraspWarning, match=worth):
+        lis_grasp.estimate(Contacts(points, np.repeat(AXES, 2, axis=0)[:count]), "gpis")
+
+
+def test_a_mesh_in_millimetres_is_refused(gripper: Hand, box: trimesh.Trimesh) -> None:
+    wrong = box.copy().apply_scale(1e3)
+    for call in (
+        lambda: lis_grasp.surface_error(box, wrong),
+        lambda: lis_grasp.surface_error(wrong, box),
+        lambda: lis_grasp.plan(wrong, gripper),
+        lambda: lis_grasp.explore(wrong, gripper),
+    ):
+        with pytest.raises(InvalidMeshError, match=r"60 m large.*mm \(then 0\.06 m\)"):
+            call()
+    with pytest.raises(InvalidMeshError, match=r"extract_mesh\(surface\)"):
+        lis_grasp.surface_error(CONTACTS, box)  # type: ignore[arg-type]
+
+
 def test_contacts_of_arrays_in_millimetres_are_noted() -> None:
     with pytest.warns(LisGraspWarning, match="in metres, and these are 60 m apart"):
         lis_grasp.estimate(Contacts(30.0 * AXES, AXES), "gpis")
@@ -275,6 +297,8 @@ def test_a_name_stands_for_an_object_or_is_answered() -> None:
         ("graspsearch", r"'GraspSearch'"),
         ("Contact", r"'Contacts'"),
         ("load", r"load_contacts\(path\)"),
+        ("load_object", r"shapes\.find\(name\)"),
+        ("compare", r"surface_error\(mesh, truth\)"),
         ("plan_grasps", r"plan\(mesh, hand\)"),
         ("save_contacts", r"contacts\.save\(path\)"),
         ("load_results", r"Run\.load\(folder\)"),
@@ -300,6 +324,9 @@ def test_a_guessed_member_is_answered(gripper: Hand, box: trimesh.Trimesh) -> No
         (CONTACTS, "positions", "write points"),
         (CONTACTS, "xyz", "write points"),
         (surface, "sdf", "write evaluate(points)"),
+        (surface, "distance", "write evaluate(points)"),
+        (surface, "normal", "write gradient(points)"),
+        (surface, "plot", "write Scene("),
         (surface, "to_mesh", "write extract_mesh(surface)"),
         (grasp, "contacts", "write contact_points"),
         (grasp, "score", "write epsilon or success_probability"),
@@ -312,6 +339,8 @@ def test_a_guessed_member_is_answered(gripper: Hand, box: trimesh.Trimesh) -> No
 @pytest.mark.parametrize(
     ("owner", "name", "advice"),
     [
+        (Hand, "list", "write Hand.load('allegro')"),
+        (lis_grasp.Run, "from_folder", "write Run.load(folder)"),
         (Hand, "from_urdf", "write Hand.load(path) of a YAML file, which `lis-grasp hand new"),
         (RunConfig, "from_yaml", "write RunConfig.from_facts(yaml.safe_load(text))"),
         (Contacts, "from_points", "write Contacts(points, normals), or surfaces.estimate_normals("),
@@ -332,6 +361,8 @@ def test_a_guessed_class_method_is_answered(owner: type, name: str, advice: str)
         (lambda: lis_grasp.Run("folder"), "write Run.load('folder')"),
         (lambda: RunConfig(touhces=3), "did you mean 'touches'?"),
         (lambda: lis_grasp.Shape("box"), "write shapes.load(path), or shapes.build(name)"),
+        (lambda: lis_grasp.Scene(3), "write Scene(estimate=..., contacts=...)"),
+        (lambda: Hand("my.yaml"), "write Hand.load('my.yaml')"),
         (lambda: Contacts("contacts.csv"), "write load_contacts(path)"),
         (lambda: lis_grasp.extract_mesh(3), "such as estimate(contacts); it is of type int"),
     ],

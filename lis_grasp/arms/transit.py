@@ -16,6 +16,12 @@ from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory, joined, time_p
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.typing import FloatArray
 
+SPEED = 0.1
+"""Largest speed of the palm on the straight approach and on the lift [m/s]."""
+
+NO_PATH = "no_collision_free_arm_path"
+"""Reason of a grasp whose approach begins where the arm cannot get."""
+
 MARGIN = 0.01
 """Distance of a path from the object and the table [m], where its ends permit it."""
 
@@ -39,12 +45,7 @@ class TransitPlanner:
         self._wide = StationChecker(station, mesh, margin=MARGIN)
 
     def plan(
-        self,
-        start: FloatArray,
-        goal: FloatArray,
-        q_hand: FloatArray,
-        *,
-        rng: np.random.Generator,
+        self, start: FloatArray, goal: FloatArray, q_hand: FloatArray, *, rng: np.random.Generator
     ) -> FloatArray | None:
         """Return the corners of a path from `start` to `goal`, (W, J); None if none is found.
 
@@ -90,11 +91,7 @@ class _Edges:
 
 
 def _connect(
-    edges: _Edges,
-    start: FloatArray,
-    goal: FloatArray,
-    station: Station,
-    rng: np.random.Generator,
+    edges: _Edges, start: FloatArray, goal: FloatArray, station: Station, rng: np.random.Generator
 ) -> FloatArray | None:
     """Return a path (W, J) that two trees find, or None."""
     arm = station.arm
@@ -159,13 +156,6 @@ def _shortened(edges: _Edges, path: FloatArray, rng: np.random.Generator) -> Flo
     return path
 
 
-SPEED = 0.1
-"""Largest speed of the palm on the straight approach and on the lift [m/s]."""
-
-NO_PATH = "no_collision_free_arm_path"
-"""Reason of a grasp whose approach begins where the arm cannot get."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspMotion:
     """Trajectories of an arm for one grasp; between them the hand closes."""
@@ -175,11 +165,7 @@ class GraspMotion:
 
 
 def plan_grasp_motion(
-    station: Station,
-    mesh: trimesh.Trimesh | None,
-    grasp: Grasp,
-    *,
-    rng: np.random.Generator,
+    station: Station, mesh: trimesh.Trimesh | None, grasp: Grasp, *, rng: np.random.Generator
 ) -> GraspMotion | str:
     """Return the motion for a grasp, or the reason that there is none.
 

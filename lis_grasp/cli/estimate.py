@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, say
-from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.pipeline.contact_sources import ContactSource
+from lis_grasp.evaluation.touch_coverage import touch_coverage, touch_radius
 from lis_grasp.pipeline.file_stages import estimate_file, millimetres
-from lis_grasp.shapes import UNITS
-from lis_grasp.surfaces.contact_loading import NormalSide
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,32 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " approach too if there are columns ax,ay,az; also .pcd, .npy, .npz, .off, .xyz and .pts;"
         " several files, one for each sensor, are joined",
     )
-    parser.add_argument(
-        "--fingertip-radius",
-        type=float,
-        action="append",
-        metavar="METRES",
-        help="the points are centres of a spherical fingertip of this radius (default: 0, they are"
-        " on the surface); for several files repeat it, in their order",
-    )
-    parser.add_argument(
-        "--units",
-        choices=list(UNITS),
-        help="length unit of CONTACTS (default: what the file states, else m)",
-    )
-    parser.add_argument(
-        "--normals",
-        choices=get_args(NormalSide),
-        help="side that the normals of CONTACTS point to; unsigned: unknown for each, the likeliest"
-        " sides are chosen (default: outward, which is checked)",
-    )
-    parser.add_argument(
-        "--viewpoint",
-        type=float,
-        nargs=3,
-        metavar=("X", "Y", "Z"),
-        help="place of the sensor [m] that the normals of CONTACTS point to",
-    )
+    opt.add_reading(parser)
     names = ("estimator", "free_space", "keep_all", "position_noise", "normal_noise")
     opt.add_options(parser, *names, recorded=True)
     opt.add_output(parser, "the folder of CONTACTS")
@@ -63,23 +34,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Estimate the surface, and print what was written."""
-    paths = options.contacts
-    radii = options.fingertip_radius or [0.0] * len(paths)
-    if len(radii) != len(paths):
-        raise InvalidOptionError.out_of_range(
-            "fingertip-radius", radii, f"given once for each of the {len(paths)} files"
-        )
-    noise = options.position_noise, options.normal_noise
-    sources = [
-        ContactSource(path, options.units, options.normals, *noise, radius, options.viewpoint)
-        for path, radius in zip(paths, radii, strict=True)
-    ]
     used = opt.given(options, "estimator", "free_space", "keep_all")
+    sources = opt.sources(options, options.contacts)
     made = estimate_file(sources, options.output, progress=PRINTED, **used)
-    uncertainty = np.median(made.mesh.vertex_attributes["uncertainty"])
+    usual, high = 1e3 * np.quantile(made.mesh.vertex_attributes["uncertainty"], (0.5, 0.95))
+    near = 0.5 * touch_radius(made.mesh)
+    guessed = 1.0 - touch_coverage(made.mesh, made.contacts, radius=near)
     say(
-        f"estimate: {millimetres(made.mesh.extents)}, with a median standard deviation of"
-        f" {1e3 * uncertainty:.2g} mm"
+        f"estimate: {millimetres(made.mesh.extents)}; the standard deviation is {usual:.2g} mm in"
+        f" the median, {high:.2g} mm at the 95 % quantile"
+    )
+    say(
+        f"untouched: {100 * guessed:.0f} % of the surface is more than {1e3 * near:.2g} mm from any"
+        " contact on its side; bulges and hollows there are guesses"
     )
     say(f"wrote {made.path}" + (", contacts.ply" if made.has_new_contacts else ""))
     say(f"next: lis-grasp grasp {made.path}")

@@ -34,8 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--support",
         type=float,
         metavar="METRES",
-        help="height of the plane below the object (default: as recorded, else the lowest point of"
-        " MESH)",
+        help="height of the plane below the object (default: as recorded: of an estimate, that of"
+        " the table, else of the lowest contact; of another MESH its lowest point)",
     )
     parser.add_argument(
         "--isaac", action="store_true", help="also write grasps.isaac.yaml, for Isaac Sim"

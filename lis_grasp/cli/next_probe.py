@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeAlias
 
 from scipy.spatial.transform import Rotation
 
@@ -19,17 +19,24 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.exploration import Exploration, ProbeOutcome, TouchLog
 from lis_grasp.io.atomic_writing import sole_writer, write_json
-from lis_grasp.pipeline.contact_sources import ContactSource, load_source, prior_contacts
+from lis_grasp.pipeline.contact_sources import (
+    ContactSource,
+    load_source,
+    prior_contacts,
+    read_source,
+)
 from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.next_touch import NextTouch, ObjectPlace, next_touch
-from lis_grasp.pipeline.results_folder import LOG, read_facts, read_touches
+from lis_grasp.pipeline.results_folder import LOG, read_touches
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import STABLE
-from lis_grasp.surfaces import judge_contacts, load_contacts
+from lis_grasp.surfaces import judge_contacts
 from lis_grasp.typing import FloatArray
 
+_READING = ("units", "normals", "fingertip_radius", "viewpoint")  # what a file does not say
 _NOISE = ("position_noise", "normal_noise")
+_Before: TypeAlias = tuple[Contacts, tuple[ProbeOutcome, ...], dict[str, Any]]
 _OPTIONS = ("hand", "estimator", "policy", *_NOISE, "obstacles", "seed", "keep_all")
 
 
@@ -76,6 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="lengths [m] of the box on the table z = 0 that contains the object, centred at"
         " x = y = 0; replaces --center, --size and --support (default: as recorded, without these)",
     )
+    opt.add_reading(parser)
     opt.add_options(parser, *_OPTIONS, recorded=True)
     parser.add_argument(
         "--output",
@@ -94,13 +102,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Choose the next touch, print it, and write it; or answer requests for touches."""
-    before, outcomes, recorded = _read(options.contacts, options.position_noise)
+    serves = options.serve or options.port is not None or options.socket is not None
+    before, outcomes, recorded = _read(options, serves=serves)
     place = _place(options, recorded)
     # In a configuration, size is that of a built-in shape, and a region needs a true pose.
     config = RunConfig.from_facts({**vars(options), "size": None, "region": None}, recorded)
     config = replace(config, arm=None, base=None)  # the robot carries the hand as it can
     before = _credible(before, options, keep_all=config.keep_all)
-    if options.serve or options.port is not None or options.socket is not None:
+    if serves:
         _serve(options, place, config)
         return
     contacts = before.append(Exploration.replay(outcomes).contacts)
@@ -150,17 +159,29 @@ def _place(options: argparse.Namespace, recorded: dict[str, Any]) -> ObjectPlace
     return ObjectPlace(options.center, options.size, None if held else support, held, region)
 
 
-def _read(
-    path: Path | None, position_noise: float | None
-) -> tuple[Contacts, tuple[ProbeOutcome, ...], dict[str, Any]]:
+def _read(options: argparse.Namespace, *, serves: bool) -> _Before:
     """Return the contacts of a file, or of a log its cloud and outcomes; and the recorded facts."""
-    if path is None:
-        return Contacts.empty(), (), {}
-    if path.suffix.lower() == ".jsonl":
-        recorded, outcomes = read_touches(path)
-        return _cloud(recorded.get("cloud")), outcomes, recorded
-    recorded = read_facts(path)
-    return load_contacts(path, position_noise=position_noise), (), recorded
+    path, is_log = options.contacts, _is_log(options.contacts)
+    for name in _READING if is_log or serves else ():
+        if getattr(options, name) is not None:
+            raise InvalidOptionError(
+                f"`{name}` is for points that no service answers on: write contacts.ply by"
+                f" lis-grasp estimate with `{name}`, and name it as CONTACTS",
+                option=name,
+            )
+    if path is None or is_log:
+        return (Contacts.empty(), (), {}) if path is None else _read_log(path)
+    contacts, recorded = read_source(opt.sources(options, [path])[0])
+    return contacts, (), recorded
+
+
+def _read_log(path: Path) -> _Before:
+    recorded, outcomes = read_touches(path)
+    return _cloud(recorded.get("cloud")), outcomes, recorded
+
+
+def _is_log(path: Path | None) -> bool:
+    return path is not None and path.suffix.lower() == ".jsonl"
 
 
 def _cloud(path: Path | str | None) -> Contacts:
@@ -177,7 +198,7 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, config: RunConfig) -
         raise InvalidOptionError.out_of_range("--output", str(options.output), "a folder")
     source, hand = options.contacts, Hand.load(config.hand)
     folder = options.output or (source or Path()).parent
-    resumed = source is not None and source.suffix.lower() == ".jsonl"
+    resumed = _is_log(source)
     path = source if resumed else folder / LOG
     if path.exists() and not resumed:
         message = f"{path} is of other touches: name it as CONTACTS, or another folder"
@@ -194,7 +215,7 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, config: RunConfig) -
         facts["cloud"] = str(source)
     log = TouchLog(path, facts)
     with sole_writer(folder):
-        before, outcomes, _ = _read(path, None) if resumed else (_cloud(source), (), {})
+        before, outcomes, _ = _read_log(path) if resumed else (_cloud(source), (), {})
         service = TouchService(config, hand, place, folder, log, before, outcomes)
         if options.port is None and options.socket is None:
             with _own_output() as answers:

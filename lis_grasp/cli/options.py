@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from lis_grasp.cli.progress import with_flags
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.pipeline.conditions import IDEAL_SENSOR, KNOWN, UNKNOWN
+from lis_grasp.pipeline.contact_sources import ContactSource
 from lis_grasp.pipeline.option import Option, kind_of, options_of
 from lis_grasp.pipeline.run_config import ARM, GRASPING, SENSOR, SURFACE, TOUCHING, RunConfig
-from lis_grasp.shapes import STABLE
+from lis_grasp.shapes import STABLE, UNITS
+from lis_grasp.surfaces.contact_loading import NormalSide
 
 _GROUPS = (TOUCHING, SENSOR, SURFACE, GRASPING, ARM)
 
@@ -178,6 +181,50 @@ def add_exploration(parser: argparse.ArgumentParser, *later: str) -> None:
         help="show touches, estimates, grasps and lift in the browser as they come, until Ctrl-C",
     )
     add_output(parser, "results/<run>")
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """Add the options of what files of contacts do not say."""
+    parser.add_argument(
+        "--fingertip-radius",
+        type=float,
+        action="append",
+        metavar="METRES",
+        help="the points are centres of a spherical fingertip of this radius (default: 0, they are"
+        " on the surface); for several files repeat it, in their order",
+    )
+    parser.add_argument(
+        "--units",
+        choices=list(UNITS),
+        help="length unit of CONTACTS (default: what the file states, else m)",
+    )
+    parser.add_argument(
+        "--normals",
+        choices=get_args(NormalSide),
+        help="side that the normals of CONTACTS point to; unsigned: unknown for each, the likeliest"
+        " sides are chosen (default: outward, which is checked)",
+    )
+    parser.add_argument(
+        "--viewpoint",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="place of the sensor [m] that the normals of CONTACTS point to",
+    )
+
+
+def sources(options: argparse.Namespace, paths: Sequence[Path]) -> list[ContactSource]:
+    """Return files of contacts with the options of `add_reading` and the noise."""
+    radii = options.fingertip_radius or [0.0] * len(paths)
+    if len(radii) != len(paths):
+        raise InvalidOptionError.out_of_range(
+            "fingertip-radius", radii, f"given once for each of the {len(paths)} files"
+        )
+    noise = options.position_noise, options.normal_noise
+    return [
+        ContactSource(path, options.units, options.normals, *noise, radius, options.viewpoint)
+        for path, radius in zip(paths, radii, strict=True)
+    ]
 
 
 def add_mesh(parser: argparse.ArgumentParser) -> None:

@@ -129,10 +129,7 @@ class SurfaceEstimator(LeafSystem):
     ) -> None:
         super().__init__()
         perception = Perception(
-            estimator=estimator,
-            sensor=noise or TactileSensor(),
-            free_space=free_space,
-            table=table,
+            estimator=estimator, sensor=noise or TactileSensor(), free_space=free_space, table=table
         )
         make_estimator(estimator, perception.sensor)  # an unknown name is an error now
         empty = Contacts.empty()

@@ -20,6 +20,7 @@ from lis_grasp.exceptions import (
 )
 from lis_grasp.shapes import Shape, find, sharp_edges
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
+from lis_grasp.shapes.shape import require_mesh
 from lis_grasp.shapes.solids import solid_of
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
@@ -109,6 +110,8 @@ def surface_error(
     InvalidOptionError
         If the radius or the number of samples is not above 0, or one of the contacts and the radius
         is given without the other.
+    InvalidMeshError
+        If one of both is no mesh, or its size fits no object of a hand in metres.
     InvalidContactsError
         If no part of the true surface is within the radius of a contact.
     EstimationError
@@ -131,10 +134,12 @@ def surface_error(
             value=explored_radius,
         )
     truth = find(truth) if isinstance(truth, (str, Path)) else truth
+    estimate = require_mesh("estimate", estimate)
     if isinstance(truth, Shape):
         true_mesh, edges = truth.mesh, truth.edges
     else:
-        true_mesh, edges = truth, sharp_edges(truth)
+        true_mesh = require_mesh("truth", truth)
+        edges = sharp_edges(true_mesh)
 
     def is_explored(points: FloatArray) -> BoolArray:
         if contacts is None or explored_radius is None:

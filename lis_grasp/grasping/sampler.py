@@ -24,6 +24,7 @@ from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
 from lis_grasp.grasping.hand_capacity import least_pinched_height
 from lis_grasp.robots.hand import Hand
+from lis_grasp.shapes.shape import require_mesh
 from lis_grasp.typing import FloatArray, IndexArray, Seed
 
 _LOG = logging.getLogger(__name__)
@@ -115,9 +116,9 @@ class ForceClosureSampler:
         Raises
         ------
         InvalidMeshError
-            If the mesh is not closed.
+            If it is no mesh, is not closed, or its size fits no object of a hand in metres.
         """
-        if not mesh.is_watertight:
+        if not require_mesh("the mesh", mesh).is_watertight:
             raise InvalidMeshError(
                 "grasps are planned on closed meshes; this one has open edges: repair it with"
                 " lis_grasp.shapes.load, or mesh an estimate with extract_mesh"
@@ -236,9 +237,7 @@ class _Search:
         if self.grasps is not None:
             grasps = self.scorer.plan_forces(_sorted(self.scorer.predict_success(self.grasps)))
         return GraspSearch(
-            tuple(grasps),
-            {reason: n for reason, n in sorted(rejected.items()) if n},
-            self.drawn,
+            tuple(grasps), {reason: n for reason, n in sorted(rejected.items()) if n}, self.drawn
         )
 
     def _scored(

@@ -13,13 +13,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.limits import (
-    MEBIBYTE,
-    MOST_ELEMENTS,
-    ReadError,
-    reason_of,
-    require_file_size,
-)
+from lis_grasp.io.limits import MEBIBYTE, MOST_ELEMENTS, ReadError, reason_of, require_file_size
 
 _MOST_TEXT = 128 * MEBIBYTE  # of a glTF's JSON
 _MOST_BUFFER = 512 * MEBIBYTE  # of a glTF's buffer

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.exceptions import InvalidFileError, note
+from lis_grasp.exceptions import InvalidFileError, named_rows, note
 from lis_grasp.io.csv_tables import SECONDS, without_unit
 
 POINT = ("x", "y", "z")
@@ -120,17 +120,18 @@ def contact_fields(
             f"{path} has no points: all {count} rows are nan or blank", path=path
         )
     if not kept.all():
-        empty = int((~kept).sum())
-        note(f"{path}: {empty} of {count} rows have no point (nan, inf or blank): left out")
+        empty = named_rows(np.flatnonzero(~kept))
+        note(f"{path}: left out {empty} of {count}, without a point (nan, inf or blank)")
     if fields["normals"] is not None and count:
         normals = fields["normals"]
         directed = np.isfinite(normals).all(axis=1) & normals.any(axis=1)
-        bare = int((kept & ~directed).sum())
-        if bare == kept.sum():
+        bare = kept & ~directed
+        if bare.sum() == kept.sum():
             note(f"{path}: all normals are 0 or nan: read as points without normals")
             fields["normals"] = None
-        elif bare:
-            note(f"{path}: {bare} of {count} rows have a point and no normal (0 or nan): left out")
+        elif bare.any():
+            empty = named_rows(np.flatnonzero(bare))
+            note(f"{path}: left out {empty} of {count}, with a point and no normal (0 or nan)")
             kept &= directed
     if fields["approach"] is not None:  # 0 where it is unknown
         fields["approach"] = np.where(np.isfinite(fields["approach"]), fields["approach"], 0.0)

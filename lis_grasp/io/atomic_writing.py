@@ -29,7 +29,8 @@ def whole_file(path: Path) -> Iterator[Path]:
             os.fsync(file.fileno())
         temporary.replace(path)
     except OSError as error:
-        message = f"cannot write {path}: {error.strerror or error}"
+        advice = ": name another folder" if isinstance(error, PermissionError) else ""
+        message = f"cannot write {path}: {error.strerror or error}{advice}"
         raise InvalidFileError(message, path=path) from None
     finally:
         with suppress(OSError):  # there is none
@@ -70,7 +71,7 @@ def sole_writer(folder: Path) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except OSError as error:
-        message = f"cannot write to {folder}: {error.strerror}"
+        message = f"cannot write to {folder}: {error.strerror}: {_OTHER}"
         if isinstance(error, Timeout):
             message = f"another process is writing to {folder}: wait until it ends, or {_OTHER}"
         if isinstance(error, FileExistsError):

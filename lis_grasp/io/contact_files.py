@@ -148,6 +148,7 @@ def _load_ply(path: Path) -> dict[str, Any]:
     elements = {element.name: element.data for element in data.elements}
     if "vertex" not in elements:
         raise InvalidFileError(f"{path} has no element 'vertex', so no points", path=path)
+    _require_no_faces(path, len(elements.get("face", ())))
     columns, unit = _numbers(path, _by_name(elements["vertex"]))
     index = columns.pop("finger", None)
     fingers = () if index is None else _finger_names(path, data.comments, index)
@@ -204,7 +205,15 @@ def _has_names(path: Path) -> bool:
 
 
 def _vertices_of_off(path: Path) -> dict[str, npt.NDArray[Any]]:
-    return positional(path, off_rows(path)[0])
+    vertices, faces = off_rows(path)
+    _require_no_faces(path, len(faces))
+    return positional(path, vertices)
+
+
+def _require_no_faces(path: Path, faces: int) -> None:
+    if faces:
+        message = f"{path} is a surface of {faces} faces: `lis-grasp grasp {path}` plans on it;"
+        raise InvalidFileError(f"{message} contacts are points alone", path=path)
 
 
 _READERS = {".pcd": read_pcd, ".npy": read_npy, ".npz": read_npz, ".off": _vertices_of_off}

@@ -72,11 +72,7 @@ def read_grasp_file(path: Path, grasp: Callable[..., Any]) -> dict[str, Any]:
         grasps = tuple(grasp(**_fields(entry)) for entry in content.grasps)
     except InvalidOptionError as error:
         raise InvalidFileError(f"{path} has no valid grasps: {error}", path=path) from None
-    return {
-        "grasps": grasps,
-        "rejections": content.rejections,
-        "candidates": content.candidates,
-    }
+    return {"grasps": grasps, "rejections": content.rejections, "candidates": content.candidates}
 
 
 def _to_plain(grasp: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,6 +13,7 @@ import numpy as np
 from lis_grasp.exceptions import (
     InvalidContactsError,
     InvalidFileError,
+    InvalidMeshError,
     InvalidOptionError,
     note,
 )
@@ -26,8 +27,8 @@ SMALLEST, LARGEST = 0.005, 2.0
 
 # Smallest largest extent of contacts on an object that a hand can grasp [m].
 _LEAST_EXTENT = 1e-3
-# Largest extent of an object that a unit is proposed for [m].
-_GRASPABLE = 0.5
+# Largest extents of objects that hands hold [m]: units that give one of these are proposed first.
+_HANDY = (0.02, 0.5)
 # Distance of single-precision numbers, as a fraction of the extent, that distorts a shape, and a
 # number that they can still hold.
 _COARSEST, _FARTHEST_SINGLE = 0.005, 1e30
@@ -96,6 +97,32 @@ def require_resolved(path: Path, points: FloatArray) -> None:
         )
 
 
+def require_object_size(
+    what: str, extent: float, metres: float = 1.0, *, stated: bool = False
+) -> None:
+    """Raise `InvalidMeshError` if an extent fits no object of a hand; the message names units.
+
+    It is in units of so many `metres`, which its file may have `stated`.
+    """
+    if SMALLEST <= extent * metres <= LARGEST:
+        return
+    advice = "the file states this unit: scale it in the program that made it"
+    raise InvalidMeshError(
+        f"{what} is {extent * metres:.3g} m large when read in {unit_name(metres)}, an object must"
+        f" be {SMALLEST} to {LARGEST} m: {advice if stated else _fitting(extent)}"
+    )
+
+
+def _fitting(extent: float) -> str:
+    """Return the units in which an extent is that of an object, in words."""
+    sizes = {name: extent * length for name, length in UNITS.items()}
+    for low, high in (_HANDY, (SMALLEST, LARGEST)):
+        fit = [f"{name} (then {size:.3g} m)" for name, size in sizes.items() if low <= size <= high]
+        if fit:
+            return f"`units` {' or '.join(fit)} would fit"
+    return "no unit would fit"
+
+
 def require_plausible_size(points: FloatArray, units: str, least: float = _LEAST_EXTENT) -> None:
     """Raise `InvalidContactsError` if points (N, 3) [m], read in `units`, fit no object of a hand.
 
@@ -105,14 +132,8 @@ def require_plausible_size(points: FloatArray, units: str, least: float = _LEAST
     extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     if extent == 0.0 or not np.isfinite(extent) or least <= extent <= LARGEST:
         return
-    fitting = [
-        f"{name} (then {1e3 * extent * metres / UNITS[units]:.3g} mm)"
-        for name, metres in UNITS.items()
-        if SMALLEST <= extent * metres / UNITS[units] <= _GRASPABLE
-    ]
-    advice = f"estimate with `units` {' or '.join(fitting)}" if fitting else "no unit would fit"
     raise InvalidContactsError(
         f"contacts must be within {_LEAST_EXTENT:g} to {LARGEST:g} m of each other; they are"
-        f" {extent:.3g} m apart when read in {units}: {advice}",
+        f" {extent:.3g} m apart when read in {units}: {_fitting(extent / UNITS[units])}",
         field="points",
     )

@@ -12,12 +12,7 @@ from lis_grasp.exceptions import InvalidInputError, InvalidOptionError, require_
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.io.units import LARGEST
 from lis_grasp.logs._streams import LONGEST_GAP, Content, FrameTree, TimedForces
-from lis_grasp.logs.detection import (
-    TouchDetection,
-    Touches,
-    contacts_of_touches,
-    detect_touches,
-)
+from lis_grasp.logs.detection import TouchDetection, Touches, contacts_of_touches, detect_touches
 from lis_grasp.logs.readers import RobotLog
 from lis_grasp.typing import FloatArray
 
@@ -80,10 +75,7 @@ class LogFrames:
 
 
 def contacts_from_log(
-    log: RobotLog,
-    fingers: list[Finger],
-    frames: LogFrames,
-    detection: TouchDetection,
+    log: RobotLog, fingers: list[Finger], frames: LogFrames, detection: TouchDetection
 ) -> tuple[Contacts, list[Touches]]:
     """Detect the touches in a log; return the contacts in the object frame O, and the touches.
 
@@ -234,12 +226,7 @@ def _related(log: RobotLog, base: str, other: str, times: FloatArray) -> FloatAr
 
 
 def _force_frame(
-    measured: TimedForces,
-    log: RobotLog,
-    base: str,
-    tip: str,
-    X_OP: FloatArray,
-    X_OT: FloatArray,
+    measured: TimedForces, log: RobotLog, base: str, tip: str, X_OP: FloatArray, X_OT: FloatArray
 ) -> FloatArray:
     """Return rotations of the force's frame in O, (T, 3, 3)."""
     if measured.frame and measured.frame == base:

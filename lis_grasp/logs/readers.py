@@ -16,14 +16,7 @@ import numpy as np
 
 from lis_grasp.exceptions import InvalidFileError, needed_package
 from lis_grasp.io.content_kinds import named_by_content
-from lis_grasp.logs._streams import (
-    Content,
-    CsvLog,
-    FrameTree,
-    TimedForces,
-    TimedPoses,
-    Topic,
-)
+from lis_grasp.logs._streams import Content, CsvLog, FrameTree, TimedForces, TimedPoses, Topic
 from lis_grasp.typing import FloatArray
 
 # Message types by what they contain, without package folders: geometry_msgs/msg/Wrench.

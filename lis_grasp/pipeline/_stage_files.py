@@ -24,15 +24,13 @@ from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.stages import Stopwatch, estimate, plan
 from lis_grasp.pipeline.summary import lesson_sentence
+from lis_grasp.surfaces.estimators import few_contacts
 
 NOISE = ("position_noise", "normal_noise")
 """Facts of a sensor in the headers of surfaces."""
 
 OF_CONTACTS = ("turned", "left_out", "doubt_log_odds", "warnings")
 """Facts in the headers of surfaces of what the contacts are worth, if there is anything to say."""
-
-# Fewer contacts show hardly more than position and size: a run plans no grasp on them either.
-_FEW = 10
 
 PLANNED_WITH = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "obstacles", "seed")
 """Options that a plan of grasps depends on."""
@@ -50,12 +48,7 @@ def write_surface(
     Its header has the verdicts on bad contacts, by their rows, and the warnings of the estimate.
     """
     verdicts, warnings = known.judge(contacts), list(recorded.get("warnings") or ())
-    if len(np.unique(contacts.points, axis=0)) < _FEW:
-        warnings.append(
-            f"fewer than {_FEW} contacts at different places show little more than position and"
-            " size of an object, and the standard deviation is too small"
-        )
-        progress.say(f"warning: {warnings[-1]}")
+    warnings += filter(None, [few_contacts(contacts)])  # which `estimate` notes
     credible = verdicts.credible
     if verdicts.bad.any():
         warnings.append(verdicts.sentence())
@@ -71,11 +64,7 @@ def write_surface(
 
 
 def write_grasps(
-    path: Path,
-    known: Known,
-    mesh: trimesh.Trimesh,
-    recorded: Mapping[str, Any],
-    progress: Progress,
+    path: Path, known: Known, mesh: trimesh.Trimesh, recorded: Mapping[str, Any], progress: Progress
 ) -> GraspSearch:
     """Plan grasps on a surface with the recorded facts, write them, and return them."""
     with progress.stage(f"Planning grasps of {known.hand.name}") as stage:

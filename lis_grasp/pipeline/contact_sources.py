@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.pipeline.results_folder import read_facts
@@ -45,13 +46,30 @@ class ContactSource:
     viewpoint: Sequence[float] | None = None
 
 
+def read_source(source: ContactSource) -> tuple[Contacts, dict[str, Any]]:
+    """Return the contacts of a file, and the facts that it records.
+
+    Normals that it lacks are estimated; simulated ones are outward. Errors are those of
+    `load_contacts`.
+    """
+    recorded, noise = read_facts(Path(source.path)), source.position_noise
+    contacts = load_contacts(
+        source.path,
+        units=source.units,
+        normals=source.normals or ("outward" if "object" in recorded else None),
+        fingertip_radius=source.fingertip_radius,
+        viewpoint=source.viewpoint,
+        position_noise=_positive(recorded.get("position_noise")) if noise is None else noise,
+    )
+    return contacts, recorded
+
+
 def load_source(source: ContactSource) -> Contacts:
     """Load the contacts of one sensor, with the noise of each.
 
-    It stays unknown where the contacts do not determine it. Normals that the file lacks are
-    estimated. Errors are those of `load_contacts`.
+    It stays unknown where the contacts do not determine it. See `read_source`.
     """
-    recorded = read_facts(Path(source.path))
+    contacts, recorded = read_source(source)
     given = [
         _positive(recorded.get(name)) if value is None else value
         for name, value in (
@@ -59,14 +77,6 @@ def load_source(source: ContactSource) -> Contacts:
             ("normal_noise", source.normal_noise),
         )
     ]
-    contacts = load_contacts(
-        source.path,
-        units=source.units,
-        normals=source.normals,
-        fingertip_radius=source.fingertip_radius,
-        viewpoint=source.viewpoint,
-        position_noise=given[0],
-    )
     return with_noise(contacts, *given)
 
 

@@ -100,11 +100,7 @@ def run(
 
 
 def explore(
-    object: AnyObject,
-    hand: AnyHand = _HAND,
-    *,
-    rng: Seed = 0,
-    **options: Any,
+    object: AnyObject, hand: AnyHand = _HAND, *, rng: Seed = 0, **options: Any
 ) -> Exploration:
     """Explore an object by touch in simulation, without files.
 

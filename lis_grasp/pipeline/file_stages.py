@@ -26,10 +26,11 @@ from lis_grasp.pipeline._stage_files import (
     write_grasps,
     write_surface,
 )
-from lis_grasp.pipeline.contact_sources import ContactSource, join_sources
+from lis_grasp.pipeline.contact_sources import ContactSource, join_sources, read_source
 from lis_grasp.pipeline.exploring import say_repairs, say_width
 from lis_grasp.pipeline.known import Known, Perception, station_facts
 from lis_grasp.pipeline.lifting_stage import lift_each, process_count, require_simulator
+from lis_grasp.pipeline.next_touch import NO_TABLE, ObjectPlace
 from lis_grasp.pipeline.option import HEIGHT, at_least, checked_value
 from lis_grasp.pipeline.progress import SILENT, Progress
 from lis_grasp.pipeline.report_json import lift_facts
@@ -38,7 +39,6 @@ from lis_grasp.pipeline.run_config import RunConfig, require_used
 from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import load
-from lis_grasp.surfaces import load_contacts
 from lis_grasp.surfaces.contact_loading import DOUBTFUL, fraction_in_front
 from lis_grasp.typing import FloatArray
 
@@ -119,7 +119,10 @@ def estimate_file(
     for line in _findings(contacts, paths, checked=checked):
         progress.say(line)
         warnings += [line.removeprefix(_WARNING)] if line.startswith(_WARNING) else []
-    made = recorded | ({"warnings": warnings} if warnings else {})
+    place = ObjectPlace(support=recorded.get("support_height"))
+    warnings += filter(None, [place.doubt(contacts)])  # for grasps
+    made = recorded | {"support_height": place.table(contacts)}
+    made |= {"warnings": warnings} if warnings else {}
     path = folder / "surface.ply"
     with result_file(path, progress) as temporary:
         mesh = write_surface(temporary, known, contacts, made, progress)
@@ -140,10 +143,11 @@ def grasp_file(
     """Plan grasps on the mesh in a file, this package's or any, and write grasps.json.
 
     Files that were made from earlier grasps are removed. The default of `folder` is that of the
-    mesh. `support` is the height of the plane below the object [m], by default the recorded one,
-    else the mesh's lowest point. The options are ``hand``, ``arm``, ``base``, ``mass``,
-    ``friction``, ``load``, ``grasps``, ``obstacles``, ``seed``, ``units`` and ``up``, by default as
-    recorded in the file, else as in `RunConfig`.
+    mesh. `support` is the height of the plane below the object [m], by default the recorded one: of
+    an estimate the table's, else the lowest contact's; else it is the mesh's lowest point. The
+    options are ``hand``, ``arm``, ``base``, ``mass``, ``friction``, ``load``, ``grasps``,
+    ``obstacles``, ``seed``, ``units`` and ``up``, by default as recorded in the file, else as in
+    `RunConfig`.
 
     Raises `InvalidOptionError` if a value is out of range, `InvalidFileError` or `InvalidMeshError`
     if the mesh cannot be used, `TypeError` for another option.
@@ -160,14 +164,15 @@ def grasp_file(
     config = RunConfig.from_facts({"hand": None, **options}, recorded)
     mesh = load_mesh(path, options, recorded, progress)
     for warning in recorded.get("warnings") or ():
-        progress.say(f"{_WARNING}of the estimate: {warning}")
+        if support is None or not warning.startswith(NO_TABLE):
+            progress.say(f"{_WARNING}of the estimate: {warning}")
     hand = Hand.load(config.hand)
     lowest = float(mesh.bounds[0, 2])
     table = recorded.get("support_height", lowest) if support is None else support
     table = checked_value("support", table, float, HEIGHT)
     if support is None and "support_height" not in recorded:
-        progress.say(f"{_WARNING}no table is known: `support` is {table:.4g} m, the lowest point")
-    elif support is not None and (below := round(1e3 * (table - lowest))) > 0:
+        progress.say(f"{_WARNING}{NO_TABLE}: `support` is {table:.4g} m, the lowest point")
+    elif (below := round(1e3 * (table - lowest))) > 0:
         progress.say(f"{_WARNING}the mesh reaches {below} mm below the plane of `support`")
     known = Known.for_mesh(config, hand, mesh, table, recorded_base(options, recorded))
     facts = recorded | station_facts(known.station) | planning_facts(config)
@@ -258,10 +263,7 @@ def lifting_of(path: Path, options: Mapping[str, Any], progress: Progress) -> Li
 
 
 def load_mesh(
-    path: Path,
-    options: Mapping[str, Any],
-    recorded: Mapping[str, Any],
-    progress: Progress = SILENT,
+    path: Path, options: Mapping[str, Any], recorded: Mapping[str, Any], progress: Progress = SILENT
 ) -> trimesh.Trimesh:
     """Return the mesh of a file [m]: an estimate with recorded facts, or repaired."""
     # A surface of this package has an uncertainty, and is in metres already.
@@ -286,19 +288,9 @@ def _load_sources(sources: Sequence[ContactSource]) -> tuple[Contacts, dict[str,
     Contacts of several files carry the noise of their file.
     """
     if len(sources) == 1:
-        (source,) = sources
-        recorded = read_facts(Path(source.path))
-        contacts = load_contacts(
-            source.path,
-            units=source.units,
-            # Normals that this package simulated are outward.
-            normals=source.normals or ("outward" if "object" in recorded else None),
-            fingertip_radius=source.fingertip_radius,
-            viewpoint=source.viewpoint,
-            position_noise=source.position_noise,
-        )
-        return contacts, recorded
-    contacts, recorded = join_sources(sources), {}
+        return read_source(sources[0])
+    recorded: dict[str, Any] = {}
+    contacts = join_sources(sources)
     for source in reversed(sources):
         recorded |= read_facts(Path(source.path))
     # The contacts carry what the files record of their sensors.

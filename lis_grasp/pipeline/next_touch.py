@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError, InvalidOptionError, require_positive
+from lis_grasp.exceptions import EstimationError, InvalidOptionError, counted, require_positive
 from lis_grasp.exploration import (
     STEP_FRACTION,
     ExplorationSetup,
@@ -27,6 +27,9 @@ from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.stages import exploration_rng, exploration_setup
 from lis_grasp.probing.approach_planner import NO_FREE_APPROACH, Approach, ApproachPlanner
 from lis_grasp.robots.hand import Hand
+
+NO_TABLE = "no table is known"
+"""Start of warnings of a table that is assumed."""
 
 # Probes that cannot be approached, before the search is given up.
 _MOST_BLOCKED = 20
@@ -124,9 +127,8 @@ class ObjectPlace:
         if self.region is not None or self.support is not None or self.held:
             return ""
         return (
-            "no table is known: the hand stays above the lowest contact, z ="
-            f" {1e3 * contacts.bounds[0, 2]:.1f} mm; give the table's height by `support`, or"
-            " `support` none for an object that is held in the air"
+            f"{NO_TABLE}: the hand stays above the lowest contact, z ="
+            f" {1e3 * contacts.bounds[0, 2]:.1f} mm, unless `support` gives the table's height"
         )
 
     def space(self, contacts: Contacts) -> Workspace | Region:
@@ -139,7 +141,8 @@ class ObjectPlace:
             return Region(self.region)
         if self.size is None and not contacts.extent:
             raise InvalidOptionError(
-                f"{len(contacts)} contacts do not show the object's size: give it by `size`",
+                f"{counted(len(contacts), 'contact')} at one place cannot show the object's size:"
+                " give it by `size`",
                 option="size",
             )
         if self.size is not None:

@@ -20,7 +20,7 @@ from lis_grasp.pipeline.known import Perception
 from lis_grasp.pipeline.results_folder import located, read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import estimate
-from lis_grasp.records import made_by
+from lis_grasp.records import Answering
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, find, placed_as_recorded
 from lis_grasp.surfaces import ImplicitSurface
@@ -34,9 +34,8 @@ class _Report(FileRecord):
     lift: dict[str, Any]
 
 
-@made_by("load")
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
-class Run:
+class Run(metaclass=Answering):
     """Results in a folder: everything is in the frame of its contacts, the true object too.
 
     What the folder lacks is None.

@@ -266,7 +266,9 @@ class RunConfig(metaclass=Answering):
         words="unknown; known with --known",
         words_else="known",
     )
-    grasps: int = option(10, "ranked grasps to plan", GRASPING, metavar="N", check=at_least(1))
+    grasps: int = option(
+        10, "ranked grasps to plan, 20 after one failed", GRASPING, metavar="N", check=at_least(1)
+    )
     obstacles: str | None = option(
         None,
         "mesh file [m] of what hand and arm must not hit on the approach and in the lift, such as a"

@@ -11,13 +11,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import (
-    DEFAULT_REGION,
-    STEP_FRACTION,
-    Exploration,
-    Region,
-    Workspace,
-)
+from lis_grasp.exploration import DEFAULT_REGION, STEP_FRACTION, Exploration, Region, Workspace
 from lis_grasp.geometry import inverse_pose, require_pose
 from lis_grasp.pipeline.known import Known, station_facts
 from lis_grasp.pipeline.run_config import RunConfig

@@ -32,12 +32,7 @@ from lis_grasp.logs.detection import APPROACH_NOISE
 from lis_grasp.pipeline.contact_sources import ContactSource
 from lis_grasp.pipeline.file_stages import estimate_file, grasp_file
 from lis_grasp.pipeline.known import Known
-from lis_grasp.pipeline.next_touch import (
-    NextTouch,
-    ObjectPlace,
-    next_touch_after,
-    touch_setup,
-)
+from lis_grasp.pipeline.next_touch import NextTouch, ObjectPlace, next_touch_after, touch_setup
 from lis_grasp.pipeline.results_folder import result_file
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.robots.hand import Hand

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.records import made_by
 from lis_grasp.robots.kinematics import ArmKinematics, Kinematics, link_kinematics
 from lis_grasp.robots.pose_ik import ArmIK
 from lis_grasp.robots.robot_model import RobotModel, joints_before, links_fixed_to
@@ -18,7 +17,6 @@ from lis_grasp.robots.yaml_files import read_arm_file
 from lis_grasp.typing import BoolArray, FloatArray
 
 
-@made_by("load")
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class Arm(RobotModel):
     """A robot arm, read by `Arm.load` from a URDF, SDF or MJCF and one YAML file.

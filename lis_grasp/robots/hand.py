@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.geometry import apply_pose
-from lis_grasp.records import made_by
 from lis_grasp.robots.kinematics import Kinematics
 from lis_grasp.robots.robot_model import (
     GraspFamily,
@@ -32,7 +31,6 @@ SEATING = 0.012
 _NEAR_TABLE = 0.002
 
 
-@made_by("load")
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class Hand(RobotModel):
     """A robot hand, read by `Hand.load` from a URDF, SDF or MJCF and one YAML file.

@@ -38,11 +38,7 @@ class HandMjcf:
 
 
 def hand_mjcf(
-    hand: Hand,
-    X_WL: npt.ArrayLike,
-    *,
-    prefix: str = "",
-    geom: Mapping[str, str] | None = None,
+    hand: Hand, X_WL: npt.ArrayLike, *, prefix: str = "", geom: Mapping[str, str] | None = None
 ) -> HandMjcf:
     """Return a hand's links, joints and collision bodies as MJCF elements.
 

@@ -84,7 +84,7 @@ def _not_found(uri: str, candidates: Sequence[Path], folder: Path) -> str:
             return f"{uri} was not found, but there is {other}: capitals and small letters matter"
     package = _PACKAGE.match(uri)
     if package is None:
-        return f"{candidates[0]} was not found"
+        return f"{candidates[0]} was not found: copy it there, or correct the path {uri}"
     name = package["found"] or package["name"]
     here = folder.resolve()
     roots = [p for p in (here, *here.parents) if p.name == name] + package_folders(name)

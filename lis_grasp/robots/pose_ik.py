@@ -125,11 +125,7 @@ def pose_error(X: FloatArray, target: FloatArray) -> FloatArray:
     """
     R = target[..., :3, :3] @ np.swapaxes(X[..., :3, :3], -1, -2)
     twice_sine = np.stack(
-        [
-            R[..., 2, 1] - R[..., 1, 2],
-            R[..., 0, 2] - R[..., 2, 0],
-            R[..., 1, 0] - R[..., 0, 1],
-        ],
+        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]],
         axis=-1,
     )
     length = np.linalg.norm(twice_sine, axis=-1)

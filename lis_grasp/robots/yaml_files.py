@@ -98,10 +98,7 @@ class _File:
 
 
 def _read_file(
-    path: Path,
-    what: str,
-    schema: type[BaseModel],
-    invalid: type[InvalidRobotError],
+    path: Path, what: str, schema: type[BaseModel], invalid: type[InvalidRobotError]
 ) -> _File:
     try:
         document = read_yaml(path)

@@ -8,16 +8,11 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from lis_grasp.exceptions import (
-    InvalidFileError,
-    InvalidMeshError,
-    InvalidOptionError,
-    nearest_of,
-)
+from lis_grasp.exceptions import InvalidFileError, InvalidMeshError, InvalidOptionError, nearest_of
 from lis_grasp.io.contact_files import POINT_FORMATS
 from lis_grasp.io.mesh_files import TO_Z_UP, MeshFile, read_mesh
 from lis_grasp.io.surface_files import no_faces_error
-from lis_grasp.io.units import LARGEST, SMALLEST, UNITS, chosen_unit, unit_name
+from lis_grasp.io.units import UNITS, chosen_unit, require_object_size, unit_name
 from lis_grasp.shapes._repair import repair_mesh
 from lis_grasp.shapes.builtin import BUILDERS, NAMES, build
 from lis_grasp.shapes.shape import Shape, sharp_edges
@@ -29,8 +24,6 @@ FORMATS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off", ".3mf", ".dae")
 UP_AXES = ("z", "y")
 """Axes that may point up in a mesh file."""
 
-# Largest extents of objects that hands hold [m]: units that give one of these are proposed first.
-_HANDY = (0.02, 0.5)
 _FARTHEST_OBSTACLE = 50.0  # from the origin [m]: a room; in millimetres it is beyond
 # Coordinates beyond this, in whatever unit, are damage.
 _FARTHEST = 1e12
@@ -126,8 +119,7 @@ def load(path: str | Path, units: str | None = None, up: str | None = None) -> S
             " export it again"
         )
     extent = float(np.ptp(corners, axis=0).max())
-    if not SMALLEST <= extent * metres <= LARGEST:
-        raise InvalidMeshError(_mistaken_units(path, extent, metres, read.metres is not None))
+    require_object_size(str(path), extent, metres, stated=read.metres is not None)
     try:
         mesh, repairs = repair_mesh(vertices * metres, faces)
     except InvalidMeshError as error:
@@ -180,20 +172,3 @@ def _read(
     changes = [f"scaled from {unit_name(metres)} to metres"] if read.metres and metres != 1 else []
     changes += [f"turned from {axis} up to z up"] if read.up and axis != "z" else []
     return read, vertices, faces, metres, tuple(f"{c}, as the file states" for c in changes)
-
-
-def _mistaken_units(path: Path, extent: float, metres: float, stated: bool) -> str:
-    sizes = {name: extent * length for name, length in UNITS.items()}
-    for low, high in (_HANDY, (SMALLEST, LARGEST)):
-        fitting = [
-            f"{name} (then {size:.3g} m)" for name, size in sizes.items() if low <= size <= high
-        ]
-        if fitting:
-            break
-    advice = f"`units` {' or '.join(fitting)} would fit" if fitting else "no unit would fit"
-    if stated:
-        advice = "the file states this unit: scale it in the program that made it"
-    return (
-        f"{path} is {extent * metres:.3g} m large when read in {unit_name(metres)}, an object must"
-        f" be {SMALLEST} to {LARGEST} m: {advice}"
-    )

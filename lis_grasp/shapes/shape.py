@@ -8,6 +8,7 @@ import numpy as np
 import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError, shown
+from lis_grasp.io.units import require_object_size
 from lis_grasp.records import Answering, read_only
 from lis_grasp.shapes._repair import repair_mesh
 from lis_grasp.shapes._topology import signed_volume
@@ -25,6 +26,17 @@ def sharp_edges(mesh: trimesh.Trimesh, *, angle: float = SHARP_ANGLE) -> FloatAr
     """
     sharp = mesh.face_adjacency_angles > angle
     return np.array(mesh.vertices[mesh.face_adjacency_edges[sharp]]).reshape(-1, 2, 3)
+
+
+def require_mesh(what: str, mesh: object) -> trimesh.Trimesh:
+    """Return a mesh; raise `InvalidMeshError` if it is none, or fits no object in metres."""
+    if not isinstance(mesh, trimesh.Trimesh):
+        raise InvalidMeshError(
+            f"{what} must be a mesh, such as extract_mesh(surface); it is {shown(mesh)}"
+        )
+    if len(mesh.faces):
+        require_object_size(what, float(mesh.extents.max()))
+    return mesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,8 +98,7 @@ class Shape(metaclass=Answering):
 
         Raises `InvalidMeshError` if it is no mesh, encloses no volume, or could not be closed.
         """
-        if not isinstance(mesh, trimesh.Trimesh):
-            raise InvalidMeshError(f"an object is of a mesh, then its name; {shown(mesh)} is none")
+        require_mesh(name, mesh)
         try:
             closed, repairs = repair_mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
         except InvalidMeshError as error:

@@ -94,10 +94,7 @@ def convex_parts(
     size, center = float(mesh.extents.max()), mesh.bounds.mean(axis=0)
     unit = trimesh.Trimesh((mesh.vertices - center) / size, mesh.faces, process=False)
     hulls = trimesh.decomposition.convex_decomposition(
-        unit,
-        maxConvexHulls=most,
-        resolution=voxels,
-        minimumVolumePercentErrorAllowed=_ADDED_VOLUME,
+        unit, maxConvexHulls=most, resolution=voxels, minimumVolumePercentErrorAllowed=_ADDED_VOLUME
     )
     parts = [trimesh.convex.convex_hull(center + size * np.array(p["vertices"])) for p in hulls]
     return tuple(part for part in parts if part.volume > 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.records import made_by, short_repr
+from lis_grasp.records import Answering, short_repr
 from lis_grasp.surfaces._gaussian_process_regression import squared_distances
 from lis_grasp.surfaces.contact_places import agreement, log_errors, smoothstep
 from lis_grasp.surfaces.contact_preparation import prepare_contacts
@@ -37,9 +37,8 @@ _NO_WEIGHT, _FULL_WEIGHT = 0.0, 0.3
 _NEAR, _FAR = 0.5, 1.0
 
 
-@made_by("from_contacts")
 @dataclass(frozen=True, slots=True, eq=False)
-class BlendedImplicitSurface:
+class BlendedImplicitSurface(metaclass=Answering):
     """Blend of a patch surface and a Gaussian process, by their prediction errors.
 
     f = smooth + w v (sharp - smooth)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError, InvalidContactsError, shown
+from lis_grasp.exceptions import EstimationError, InvalidContactsError, named_rows, shown
 from lis_grasp.records import read_only, short_repr
 from lis_grasp.surfaces._contact_noise import noise_of
 from lis_grasp.surfaces._contradictions import (
@@ -38,8 +38,6 @@ _CODES: dict[Verdict, int] = {
     "wrong normal": WRONG_NORMAL,
     "stray": STRAY,
 }
-# Rows of a sentence: more are counted only.
-_MOST_NAMED = 8
 # Fraction of the contacts that a viewpoint need not see.
 _MOST_UNSEEN = 0.15
 # Distance between a contact and a mean of another normal, in extents.
@@ -93,7 +91,7 @@ class ContactVerdicts:
             rows = self.rows(verdict)  # type: ignore[arg-type]
             if len(rows):
                 things = name if len(rows) == 1 else f"{name}s"
-                parts.append(f"{len(rows)} {things} {done} ({_named(rows)})")
+                parts.append(f"{len(rows)} {things} {done} ({named_rows(rows)})")
         if not parts:
             return ""
         return (
@@ -115,10 +113,7 @@ class ContactVerdicts:
 
 
 def judge_contacts(
-    contacts: Contacts,
-    *,
-    position_noise: float | None = None,
-    normal_noise: float | None = None,
+    contacts: Contacts, *, position_noise: float | None = None, normal_noise: float | None = None
 ) -> ContactVerdicts:
     """Find the contacts that contradict all others: flipped or wrong normals, and strays.
 
@@ -230,10 +225,3 @@ def orient_normals(
                 " approach (columns ax,ay,az), or contacts on more sides"
             )
     return replace(contacts, normals=signs[:, None] * contacts.normals)
-
-
-def _named(rows: IndexArray) -> str:
-    """Return rows in words, counted from 1."""
-    names = ", ".join(str(row + 1) for row in rows[:_MOST_NAMED])
-    more = f" and {len(rows) - _MOST_NAMED} more" if len(rows) > _MOST_NAMED else ""
-    return f"row{'s' if len(rows) > 1 else ''} {names}{more}"

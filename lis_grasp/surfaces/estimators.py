@@ -40,6 +40,8 @@ ESTIMATORS: Mapping[str, Estimator] = MappingProxyType(
 ESTIMATOR_NAMES = Registry("estimator", ESTIMATORS)
 """Surface estimators: a class with `from_contacts`, or a function of contacts."""
 
+# Fewer contacts show hardly more than position and size: a run plans no grasp on them either.
+_FEW = 10
 _MEMBERS = ("evaluate", "gradient", "uncertainty", "bounds")
 
 
@@ -157,12 +159,27 @@ def estimate(
         raise TypeError(f"estimate with {estimator} has no option '{name}'{nearest}")
     if contacts.extent > LARGEST:
         note(f"contacts are in metres, and these are {contacts.extent:.3g} m apart: check the unit")
+    if doubt := few_contacts(contacts):
+        note(doubt)
     contacts = replace(contacts, judged=True) if keep_all else contacts
     known = contacts if table is None else standing_on(judge_contacts(contacts).credible, table)
     surface = make(known, **options)
     if free_space:
         surface = carved(surface, contacts, margin=margin)
     return above_table(surface, table)
+
+
+def few_contacts(contacts: Contacts) -> str:
+    """Return what an estimate from few contacts is worth, in words; empty if they are enough."""
+    places = len(np.unique(contacts.points, axis=0))
+    if places == 1:
+        return "contacts at one place show no size of an object: that of the estimate is arbitrary"
+    if not 0 < places < _FEW:
+        return ""
+    return (
+        f"fewer than {_FEW} contacts at different places show little more than position and size"
+        " of an object, and the standard deviation is too small"
+    )
 
 
 def find_estimator(

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.records import made_by, short_repr
+from lis_grasp.records import Answering, short_repr
 from lis_grasp.surfaces._gaussian_process_regression import ROWS, GradientRegression
 from lis_grasp.surfaces._kernels import (
     Matern52,
@@ -58,9 +58,8 @@ MOST_FOR_SETTINGS = 150
 _LEAST_AXIS = 0.15
 
 
-@made_by("from_contacts")
 @dataclass(frozen=True, eq=False)
-class GaussianProcessImplicitSurface:
+class GaussianProcessImplicitSurface(metaclass=Answering):
     """The posterior mean of a GP conditioned on value 0 and the normal as gradient at contacts.
 
     f(x) = mean + k_*^T (K + noise)^-1 (targets - mean)                                   (eq. 3)

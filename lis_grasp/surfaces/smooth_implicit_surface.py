@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.records import made_by, short_repr
+from lis_grasp.records import Answering, short_repr
 from lis_grasp.surfaces.contact_places import agreement, log_errors
 from lis_grasp.surfaces.contact_preparation import PreparedContacts, prepare_contacts
 from lis_grasp.surfaces.gaussian_process_implicit_surface import (
@@ -42,9 +42,8 @@ _NEAR, _FAR = 0.25, 0.5
 _DOUBT = 0.35
 
 
-@made_by("from_contacts")
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothImplicitSurface:
+class SmoothImplicitSurface(metaclass=Answering):
     """A Gaussian process for shapes without edges, smoother than `gpis`.
 
     f = bound + v (free - bound)

@@ -12,6 +12,7 @@ from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, TooManyBadContactsError
 from lis_grasp.pipeline import ContactSource, RunConfig, Scenario, estimate_file, grasp_file
+from lis_grasp.pipeline.next_touch import ObjectPlace
 from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.pipeline.run_scene import scene_of
 from lis_grasp.pipeline.stages import exploration_setup
@@ -42,13 +43,19 @@ def test_an_estimate_names_bad_contacts_and_grasps_repeat_it(touches: Path) -> N
     assert (facts["turned"], facts["left_out"]) == ([FLIPPED], [STRAY])
     assert np.shape(facts["doubt_log_odds"]) == (2,)
     assert min(facts["doubt_log_odds"]) > 0.0
-    (warning,) = facts["warnings"]
+    table, warning = facts["warnings"]
     assert all(f"row {row + 1}" in warning for row in (FLIPPED, STRAY))
     assert any(warning in line for line in said.lines)
     assert sorted(scene_of(made.path.parent).bad_contacts) == [FLIPPED, STRAY]
     again = Told()
-    grasp_file(made.path, hand="wsg50", grasps=1, progress=again)
-    assert any(warning in line for line in again.lines)
+    grasped = grasp_file(made.path, hand="wsg50", grasps=1, progress=again)
+    for line in (warning, table):
+        assert any(line in said for said in again.lines)
+    lowest = made.contacts.bounds[0, 2]  # the table that `next` takes, too
+    assert grasped.known.support == ObjectPlace().table(made.contacts) == lowest
+    given = Told()
+    grasp_file(made.path, hand="wsg50", grasps=1, support=lowest - 0.001, progress=given)
+    assert not any(table in said for said in given.lines)
 
 
 def test_contacts_are_judged_once_for_strays_and_estimate(

@@ -108,6 +108,25 @@ def test_the_command_writes_the_touch(explored: Exploration, tmp_path: Path) -> 
     assert main(["next", str(path), "--size", "0"]) == 2
 
 
+def test_the_command_reads_contacts_as_an_estimate_does(
+    explored: Exploration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def target(points: np.ndarray, normals: np.ndarray, *options: str) -> list[float]:
+        path = tmp_path / "touched.csv"
+        Contacts(points, normals).save(path)
+        assert main(["next", str(path), "--hand", "wsg50", *options]) == 0
+        return json.loads((tmp_path / "next.json").read_text())["target"]
+
+    points, normals = explored.contacts.points, explored.contacts.normals
+    expected = pytest.approx(target(points, normals), abs=1e-9)
+    assert target(1e3 * points, normals, "--units", "mm") == expected
+    assert target(points, -normals, "--normals", "inward") == expected
+    centers = points + 0.01 * normals
+    assert target(centers, normals, "--fingertip-radius", "0.01") == expected
+    assert main(["next", "touched.csv", "--units", "mm", "--serve"]) == 2
+    assert "write contacts.ply by lis-grasp estimate with --units" in capsys.readouterr().err
+
+
 def test_in_a_region_the_first_touch_is_a_search(tmp_path: Path) -> None:
     assert main(["next", "--region", "0.4", "0.4", "0.3", "--output", str(tmp_path)]) == 0
     written = json.loads((tmp_path / "next.json").read_text())

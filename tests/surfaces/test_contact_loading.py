@@ -206,7 +206,7 @@ def test_lengths_of_every_unit_are_read(centers: FloatArray, tmp_path: Path) -> 
 
 def test_contacts_in_a_mistaken_unit_are_refused(centers: FloatArray, tmp_path: Path) -> None:
     path = write(tmp_path / "points.csv", 1e3 * centers)
-    with pytest.raises(InvalidContactsError, match=r"estimate with `units` mm \(then 7.* mm\)"):
+    with pytest.raises(InvalidContactsError, match=r"`units` mm \(then 0\.07.* m\) would fit"):
         load_contacts(path)
     path = write(tmp_path / "points.csv", centers)
     with pytest.raises(InvalidContactsError, match="`units` m "):
@@ -236,10 +236,11 @@ def test_estimate_prints_the_size(tmp_path: Path, capsys: pytest.CaptureFixture[
     path = tmp_path / "contacts.csv"
     Contacts(30.0 * axes, axes).save(path)
     assert main(["estimate", str(path), "--units", "mm"]) == 0
-    said = capsys.readouterr().out
+    said, noted = capsys.readouterr()
     assert "contacts: 6 within 60 x 60 x 60 mm" in said
     assert "estimate: 60" in said
-    assert "warning: fewer than 10 contacts" in said
+    assert "untouched: 100 % of the surface" not in said
+    assert "note: fewer than 10 contacts" in noted
     assert "normals:" not in said
     assert main(["estimate", str(path)]) == 2
     assert "--units mm" in capsys.readouterr().err
@@ -312,11 +313,14 @@ def test_units_in_the_names_of_columns_are_used_and_must_not_be_contradicted(
 @pytest.mark.parametrize(
     ("empty", "said"),
     [
-        (["nan"] * 6, "2 of 12 rows have no point"),
-        ([""] * 6, "2 of 12 rows have no point"),
-        (["0.01", "", "0.02", "0", "0", "1"], "2 of 12 rows have no point"),
-        (["0"] * 6, "2 of 12 rows have a point and no normal"),
-        (["0.01", "0.01", "0.03", "nan", "nan", "nan"], "2 of 12 rows have a point and no normal"),
+        (["nan"] * 6, "left out rows 3, 8 of 12, without a point"),
+        ([""] * 6, "left out rows 3, 8 of 12, without a point"),
+        (["0.01", "", "0.02", "0", "0", "1"], "left out rows 3, 8 of 12, without a point"),
+        (["0"] * 6, "3, 8 of 12, with a point and no normal"),
+        (
+            ["0.01", "0.01", "0.03", "nan", "nan", "nan"],
+            "3, 8 of 12, with a point and no normal",
+        ),
     ],
 )
 def test_rows_without_a_contact_are_left_out_and_counted(

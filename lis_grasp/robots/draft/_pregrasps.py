@@ -254,13 +254,7 @@ def find_palm_frame(hand: Hand, opening: Opening) -> FloatArray:
         clearance = np.where(ahead > 0.0, across, np.inf).min(axis=0)
         scores = np.minimum(clearance, _ENOUGH) + _FORWARD * candidates @ forward
         approach = candidates[np.argmax(scores)]
-    origin = _on_palm(
-        hand,
-        points.get(hand.base_link, p_B),
-        opening.center_H,
-        approach,
-        palm,
-    )
+    origin = _on_palm(hand, points.get(hand.base_link, p_B), opening.center_H, approach, palm)
     return make_pose(frame_along(approach, closing), origin)
 
 

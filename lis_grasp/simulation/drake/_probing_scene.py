@@ -16,12 +16,7 @@ from lis_grasp.shapes.solids import merge_flat_faces
 from lis_grasp.simulation.drake._plant_scene import PlantScene
 from lis_grasp.simulation.drake._probe_carriers import ProbeArm, ProbeRail
 from lis_grasp.simulation.drake.hand_plant import add_hand
-from lis_grasp.simulation.drake.object_plant import (
-    FreeObject,
-    add_object,
-    add_support,
-    add_table,
-)
+from lis_grasp.simulation.drake.object_plant import FreeObject, add_object, add_support, add_table
 from lis_grasp.typing import FloatArray
 
 _TIME_STEP = 0.002  # [s]

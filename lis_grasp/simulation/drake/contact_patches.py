@@ -6,12 +6,7 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.geometry import (
-    ContactSurface,
-    GeometryId,
-    PolygonSurfaceMesh,
-    TriangleSurfaceMesh,
-)
+from pydrake.geometry import ContactSurface, GeometryId, PolygonSurfaceMesh, TriangleSurfaceMesh
 from pydrake.multibody.plant import ContactResults
 from scipy.spatial import cKDTree
 from trimesh.graph import connected_component_labels
@@ -66,9 +61,7 @@ class Patch:
 
 
 def link_contacts(
-    results: ContactResults,
-    felt: Container[GeometryId],
-    link_of_geometry: Mapping[GeometryId, str],
+    results: ContactResults, felt: Container[GeometryId], link_of_geometry: Mapping[GeometryId, str]
 ) -> list[LinkContact]:
     """Return the contacts between a hand's links and geometries that are felt, in Drake's order.
 

@@ -23,11 +23,7 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
-from pydrake.multibody.tree import (
-    RigidBody,
-    RotationalInertia,
-    SpatialInertia,
-)
+from pydrake.multibody.tree import RigidBody, RotationalInertia, SpatialInertia
 from scipy.spatial import ConvexHull, QhullError
 
 from lis_grasp.shapes.object_mass import USUAL_FRICTION, require_load, uniform_inertia
