@@ -65,9 +65,9 @@ class TouchLog:
         ending = next((str(row[_END]) for row in rows if _END in row), None)
         return Recording(_outcomes(self.path, probes), ending, changes)
 
-    def append(self, outcome: ProbeOutcome) -> None:
-        """Add an outcome; it is on the disk when this returns."""
-        append_lines(self.path, self._header(), [_row(outcome)])
+    def append(self, *outcomes: ProbeOutcome) -> None:
+        """Add outcomes, or the header alone; they are on the disk when this returns."""
+        append_lines(self.path, self._header(), [_row(outcome) for outcome in outcomes])
 
     def end(self, reason: str) -> None:
         """Mark the exploration as ended, with the reason."""

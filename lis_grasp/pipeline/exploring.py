@@ -75,6 +75,7 @@ def explore_into(
             exploration = end(setup, begin(setup, recorded), ending).result
         else:
             prober = make_prober(scenario, recorded, arm_use)
+            log.append()  # a page shows the object before the first touch
             steps = touch_steps(scenario, prober, recorded)
             exploration = _watched(steps, log, known, header, stage).result
             log.end(exploration.ended)

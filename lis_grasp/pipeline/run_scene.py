@@ -104,8 +104,7 @@ def _unfinished(
     """Return the results of an exploration that has only its log so far; None if there are more."""
     if not header or any((folder / name).exists() for name in SOURCES):
         return None
-    contacts = Exploration.replay(outcomes).contacts if outcomes else None
-    return Run(folder, header, contacts, None, None, None, None)
+    return Run(folder, header, Exploration.replay(outcomes or ()).contacts, None, None, None, None)
 
 
 def _recorded(log: Path) -> tuple[Mapping[str, Any], tuple[ProbeOutcome, ...] | None]:

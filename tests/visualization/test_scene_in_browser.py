@@ -378,8 +378,11 @@ def test_a_followed_scene_goes_on_where_it_was(browser: Browser, tmp_path: Path)
     with scenes.served(tmp_path, follow=True) as server:
         browser.send("Page.navigate", url=server.address)
         wait("document.getElementById('waiting')")
+        _write(Scene(truth=scenes.box()), tmp_path)  # before the first touch
+        wait(f"{frame} && !document.getElementById('waiting').hidden")
         _write(replace(scenes.scene(), grasps=(), motion=None), tmp_path)
         wait(f"{frame}?.chapter === 'touch' && {frame}.turn > 1")
+        assert browser.evaluate("document.getElementById('waiting').hidden")
         first = browser.evaluate("document.querySelector('iframe.shown').src")
         _write(scenes.scene(), tmp_path)
         wait(f"document.querySelector('iframe.shown').src !== {first!r} && {frame}")

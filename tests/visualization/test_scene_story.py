@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Exploration, load_outcomes
 from lis_grasp.io import provenance
 from lis_grasp.meshing import extract_mesh
+from lis_grasp.pipeline import exploring
 from lis_grasp.pipeline.exploring import growth_counts
 from lis_grasp.pipeline.run_scene import scene_of, write_scene_of
 from lis_grasp.robots.collision import HandCollisionChecker
@@ -142,6 +144,25 @@ def test_growth_is_the_estimate_from_the_first_contacts(explored: Path) -> None:
         expected = extract_mesh(surface, resolution=cell)
         assert_array_equal(mesh.vertices, expected.vertices)
         assert_array_equal(mesh.faces, expected.faces)
+
+
+def test_before_the_first_touch_the_object_and_its_region_are_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    placed = {"region": (0.4, 0.4, 0.3), "pose": "stable"}
+    config = pipeline.RunConfig("box", hand="wsg50", prober="kinematic", **placed)
+
+    def shown(*_: object) -> Iterator[None]:
+        scene = scene_of(tmp_path)
+        assert scene.region is not None
+        assert tuple(scene.region.lengths) == config.region
+        assert scene.truth is not None
+        assert not len(scene.contacts)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(exploring, "touch_steps", shown)
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.explore_object(config, tmp_path)
 
 
 def test_a_growing_exploration_has_a_scene(folder: Path) -> None:
