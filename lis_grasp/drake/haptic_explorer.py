@@ -136,7 +136,7 @@ class HapticExplorer(LeafSystem):
         X_WE: RigidTransform | None = None,
         home: RigidTransform | None = None,
         q_home: FloatArray | None = None,
-        policy: str | Callable[[Workspace], Policy] = "cover",
+        policy: str | Callable[[Workspace], Policy] = "spread",
         touches: int = 15,
         stop: Sequence[StopRule] = (),
         noise: TactileSensor | None = None,

@@ -8,7 +8,6 @@ from types import MappingProxyType
 from typing import Protocol, cast
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
@@ -23,7 +22,7 @@ from lis_grasp.exploration.probe_motions import (
     surface_probe,
 )
 from lis_grasp.exploration.region import Region, search_probe
-from lis_grasp.exploration.targets import FACES_AWAY, Targets
+from lis_grasp.exploration.targets import Targets
 from lis_grasp.exploration.workspace import Estimate, Workspace, as_estimate
 from lis_grasp.plugins import Guarded, Registry, errors_of
 from lis_grasp.surfaces import ImplicitSurface
@@ -54,9 +53,6 @@ class Policy(Protocol):
         ...
 
 
-# Weight of surface near each missed probe; steps to a contact beyond which targets are equal.
-_DOUBT, _FAR = 0.5, 3.0
-
 TargetSelector = Callable[..., "int | None"]
 """Returns the index of the next target, or None to select none; called as `frontier`."""
 
@@ -77,22 +73,6 @@ def farthest(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Gener
     (Gonzalez 1985).
     """
     return _best(targets, targets.nearest)
-
-
-def widest(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:
-    """Select a target that covers much new surface and is far from any contact.
-
-    The new surface within a step of the target, as a fraction of the largest, plus the distance to
-    the nearest contact on its side, in steps and at most three. Surface counts half for each probe
-    that missed within a step of it.
-    """
-    counts = _DOUBT**targets.misses
-    new = targets.touchable & (targets.nearest > targets.step)
-    covers = cdist(targets.points, targets.points[new]) < targets.step
-    covers &= targets.normals @ targets.normals[new].T > FACES_AWAY
-    area = (covers @ counts[new]) * counts
-    gap = np.minimum(targets.nearest / targets.step, _FAR)
-    return _best(targets, area / max(area.max(initial=0.0), 1e-9) + gap)
 
 
 def most_uncertain(
@@ -210,7 +190,6 @@ class PolicyKind:
 
 POLICIES: Mapping[str, PolicyKind] = MappingProxyType(
     {
-        "cover": PolicyKind(widest, uses_gaussian_process=True),
         "spread": PolicyKind(farthest, uses_gaussian_process=True),
         "frontier": PolicyKind(frontier),
         "uncertainty": PolicyKind(most_uncertain),

@@ -22,7 +22,7 @@ from lis_grasp.exploration.workspace import Estimate, Workspace, as_estimate
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space
 from lis_grasp.surfaces.contact_places import box_lengths
-from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+from lis_grasp.typing import BoolArray, FloatArray
 
 # A target equals an earlier one within this fraction of its gap, if their directions agree.
 _SAME_TARGET = 0.4
@@ -88,8 +88,6 @@ class Targets:
     nearest: FloatArray  # (P,) [m]: distance to the nearest contact on the point's side
     eligible: BoolArray  # (P,): no earlier target, not in free space, and can be approached
     step: float  # wanted distance between touches [m]
-    touchable: BoolArray  # (P,): not at a table, and not facing it
-    misses: IndexArray  # (P,): paths of tips that missed within a step of the point
 
     @classmethod
     def find(
@@ -109,8 +107,7 @@ class Targets:
         apart = _distances_to_misses(points, outcomes)
         eligible = apart.min(axis=0, initial=np.inf) > _FREE_RADIUS * space.step
         eligible &= candidates.depths_with(estimate, contacts) < _IN_FREE_SPACE * space.step
-        touchable = space.touchable(points, normals)
-        eligible &= touchable
+        eligible &= space.touchable(points, normals)
         eligible &= ~_tried(candidates.targets, away, np.minimum(nearest, space.step), outcomes)
         eligible &= ~_starts_blocked(candidates.targets, away, space.step, outcomes)
         misses = sum(outcome.status == "missed" for outcome in outcomes)
@@ -118,8 +115,7 @@ class Targets:
             _, width, length = box_lengths(contacts.points)
             beside = _BESIDE_LONG if flat and length > _LONG * width else _BESIDE
             eligible &= _meets_hull(points, normals, contacts, beside * space.step)
-        near = (apart < space.step).sum(axis=0)
-        return cls(points, normals, nearest, eligible, space.step, touchable, near)
+        return cls(points, normals, nearest, eligible, space.step)
 
 
 def _meets_hull(

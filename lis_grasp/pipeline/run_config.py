@@ -61,7 +61,6 @@ ESTIMATOR_MEANINGS: Mapping[str, str] = MappingProxyType(
 
 POLICY_MEANINGS: Mapping[str, str] = MappingProxyType(
     {
-        "cover": "where most surface is new, far from all contacts",
         "spread": "farthest from all contacts",
         "frontier": "next to the contacts, as in the paper",
         "uncertainty": "where the estimate is most uncertain",
@@ -169,7 +168,7 @@ class RunConfig(metaclass=Answering):
         False, "the object is free on a table and may be pushed; needs `prober` dynamic"
     )
     policy: str = option(
-        "cover",
+        "spread",
         "choice of the next touch",
         TOUCHING,
         metavar="NAME",

@@ -81,7 +81,7 @@ CASES: tuple[ContactCase, ...] = (
     *(ContactCase("clustered", count) for count in (30, 60, 120, 240)),
     *(ContactCase("half", count) for count in (12, 30)),
     ContactCase("spread", 40),
-    ContactCase("cover", 25),
+    ContactCase("spread", 25),
     ContactCase("uncertainty", 15),
     ContactCase("frontier", 40),
     ContactCase("even", 40, level=1, given=True),
@@ -95,7 +95,7 @@ CASES: tuple[ContactCase, ...] = (
     ContactCase("random", 80, level=4, given=True),
     ContactCase("random", 80, level=4),
     ContactCase("random_targets", 30),
-    ContactCase("cover", 20),
+    ContactCase("spread", 20),
 )
 """Every case, in a fixed order: append new ones, for which shapes meet a case depends on it."""
 

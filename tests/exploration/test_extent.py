@@ -45,7 +45,7 @@ def probe_after(outcomes: list[ProbeOutcome]) -> Probe | None:
 def explored(mesh: trimesh.Trimesh, seed: int, touches: int = 8) -> Exploration:
     """Explore an object in a region."""
     setup = ExplorationSetup(
-        make_policy("cover", Region(), TactileSensor()), ESTIMATORS["gpis"], touches, Region()
+        make_policy("spread", Region(), TactileSensor()), ESTIMATORS["gpis"], touches, Region()
     )
     return explore(KinematicProber(Hand.load("allegro"), mesh), setup, rng=seed)
 
@@ -160,7 +160,7 @@ def test_a_sweep_beyond_the_end_of_a_long_object_opens_it_again_where_it_touches
 def test_a_stop_rule_waits_for_the_ends_and_the_reason_names_them() -> None:
     bar = trimesh.creation.box((0.24, 0.03, 0.03)).apply_translation([0.0, 0.0, 0.015])
     setup = ExplorationSetup(
-        make_policy("cover", Region(), TactileSensor()),
+        make_policy("spread", Region(), TactileSensor()),
         ESTIMATORS["gpis"],
         20,
         Region(),

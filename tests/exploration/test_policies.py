@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import trimesh
 from analytic_surfaces import Analytic, Ball, cube_bounds
-from random_directions import random_directions
 
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
@@ -25,7 +24,6 @@ from lis_grasp.exploration.policy import (
     farthest,
     most_uncertain,
     uniform,
-    widest,
 )
 from lis_grasp.exploration.probe_motions import (
     ContactHull,
@@ -49,9 +47,7 @@ def ball(radius: float = RADIUS) -> Ball:
 
 def targets(eligible: list[bool]) -> Targets:
     points = np.array([[0.0, 0.0, z] for z in (0.05, 0.01, 0.02, 0.04, 0.03)])
-    touchable, misses = np.ones(5, dtype=np.bool_), np.zeros(5, dtype=np.intp)
-    eligible_rows = np.array(eligible)
-    return Targets(points, points, NEAREST, eligible_rows, 0.02, touchable, misses)
+    return Targets(points, points, NEAREST, np.array(eligible), 0.02)
 
 
 def selected(select: TargetSelector, eligible: list[bool], seed: int = 0) -> int | None:
@@ -61,31 +57,6 @@ def selected(select: TargetSelector, eligible: list[bool], seed: int = 0) -> int
 def test_farthest_selects_the_eligible_target_with_the_largest_gap() -> None:
     assert selected(farthest, [True] * 5) == 2
     assert selected(farthest, [True, True, False, True, True]) == 4
-
-
-def test_widest_selects_the_target_that_covers_the_most_new_surface() -> None:
-    rng = np.random.default_rng(2)
-    normals = random_directions(60, rng)
-    points, nearest = 0.05 * normals, rng.uniform(0.0, 0.04, 60)
-    touchable, misses = rng.random(60) < 0.8, rng.integers(0, 3, 60)
-    found = Targets(points, normals, nearest, touchable, 0.02, touchable, misses.astype(np.intp))
-    areas = np.array(
-        [
-            sum(
-                0.5 ** (misses[i] + misses[j])
-                for j in range(60)
-                if touchable[j]
-                and nearest[j] > 0.02
-                and np.linalg.norm(points[i] - points[j]) < 0.02
-                and normals[i] @ normals[j] > -0.5
-            )
-            for i in range(60)
-        ]
-    )
-    scores = areas / areas.max() + nearest / 0.02  # all gaps are below three steps
-    i = widest(found, ball(), rng=rng)
-    assert touchable[i]
-    assert scores[i] == pytest.approx(scores[touchable].max())
 
 
 def test_most_uncertain_selects_the_largest_deviation() -> None:

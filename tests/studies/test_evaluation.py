@@ -342,7 +342,7 @@ def test_budgets_give_the_rows_of_the_study_s_trials() -> None:
 
 @pytest.mark.slow
 def test_a_long_exploration_of_a_detailed_part_gets_better_to_the_end() -> None:
-    rows = measure_exploration(ExplorationTrial("gear", 0, "40 80 160"), "cover")
+    rows = measure_exploration(ExplorationTrial("gear", 0, "40 80 160"), "spread")
     errors = [row["rmsd_truth_to_estimate"] for row in rows]
     assert errors[0] > errors[1] > errors[2]
     # N contacts are about 1 / sqrt(N) apart: the error falls faster than the root of that.
