@@ -12,6 +12,7 @@ from lis_grasp_studies.harness.tables import (
     NONE,
     Column,
     Table,
+    columns_by,
     grouped_table,
     mean_cell,
     split,
@@ -33,10 +34,8 @@ def lie_tables(rows: Sequence[Row], order: Sequence[str]) -> list[Table]:
     hard_rows = [row for row, flag in zip(rows, is_hard, strict=True) if flag]
     main = [row for row, flag in zip(rows, is_hard, strict=True) if not flag]
     families = {kind: where(main, lie=kind) for kind in LIES}
-    by_family: list[Column] = [
-        (family, _of_family(_percent("right"), family))
-        for family in sorted({row["family"] for row in rows}, key=order.index)
-    ]
+    in_order = sorted(rows, key=lambda row: order.index(row["family"]))
+    by_family = columns_by("family", in_order, _percent("right"))
     groups = {"main": main, "few or noisy": hard_rows}
     kinds = {(kind, name): where(of, lie=kind) for kind in LIES for name, of in groups.items()}
     clean = split(where(rows, lie="clean"), "draw", "count", "millimetres")
@@ -48,10 +47,6 @@ def lie_tables(rows: Sequence[Row], order: Sequence[str]) -> list[Table]:
         grouped_table("lies", "By kind of lie", "lie | sets", kinds, columns),
         grouped_table("clean", "Clean sets by draw", first, clean, verdicts),
     ]
-
-
-def _of_family(cell: Callable[[Sequence[Row]], str], family: str) -> Callable[[Sequence[Row]], str]:
-    return lambda rows: cell(where(rows, family=family))
 
 
 def _percent(*columns: str) -> Callable[[Sequence[Row]], str]:

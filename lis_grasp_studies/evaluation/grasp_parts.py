@@ -26,6 +26,7 @@ from lis_grasp_studies.evaluation.grasps import GRASPS, GraspTrial
 from lis_grasp_studies.evaluation.part import Part, Places, group_of, interleaved
 from lis_grasp_studies.evaluation.simulators import (
     BOTH,
+    agreements,
     difference_table,
     disagreements_table,
     held_table,
@@ -167,8 +168,4 @@ class SimulatorsPart(LiftsPart):
 
     def numbers(self, rows: Sequence[Row]) -> dict[str, float]:
         """Return how many grasps were executed, and how many of these have the same outcome."""
-        lifts = split(
-            (r for r in rows if r.get("slip") is not None), "object", "hand", "seed", "estimator"
-        )
-        same = sum(len({row["held"] for row in lift}) == 1 for lift in lifts.values())
-        return {"agree": same, "grasps": len(lifts)}
+        return dict(zip(("agree", "grasps"), agreements(rows), strict=True))

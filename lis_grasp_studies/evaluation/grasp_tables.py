@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from operator import itemgetter
 
 import numpy as np
 
@@ -16,16 +17,19 @@ from lis_grasp_studies.harness.tables import (
     NONE,
     Column,
     Table,
+    columns_by,
     grouped_table,
     median_cell,
     split,
     where,
 )
-from lis_grasp_studies.study.cells import difference, held_text
+from lis_grasp_studies.study.cells import difference, gains, held_text
 from lis_grasp_studies.study.comparison import names, pairs_of
+from lis_grasp_studies.study.trial import TRIAL_COLUMNS
 
 REFERENCE, SUBJECT = "gpis", "blend"
 ALL = "all"
+_key = itemgetter(*TRIAL_COLUMNS, "estimator")
 _TIMES = ("touch", "estimate", "grasp", "lift")
 _MOST_LOST = 12  # objects that are listed
 _CAPTION = (
@@ -53,10 +57,7 @@ def families_table(rows: Sequence[Row], objects: Groups) -> Table:
     ordered = {n: by_family[n] for n in sorted(by_family, key=lambda n: lead(by_family[n]))}
     columns: list[Column] = [
         ("objects", lambda rows: str(len(names(rows, "object")))),
-        *(
-            (f"{estimator_label(name)} [%]", lambda rows, name=name: _rate_of(rows, name))  # type: ignore[misc]
-            for name in names(rows, "estimator")
-        ),
+        *columns_by("estimator", rows, _percent, lambda name: f"{estimator_label(name)} [%]"),
         (
             f"{estimator_label(SUBJECT)} minus {estimator_label(REFERENCE)}, other objects",
             lambda rows: difference(pairs_of(rows, [SUBJECT], REFERENCE)),
@@ -66,9 +67,8 @@ def families_table(rows: Sequence[Row], objects: Groups) -> Table:
     return grouped_table("families", title, "family", {**ordered, ALL: list(rows)}, columns)
 
 
-def _rate_of(rows: Sequence[Row], estimator: str) -> str:
-    of = where(rows, estimator=estimator)
-    return f"{held_rate(of):.0f}" if of else NONE
+def _percent(rows: Sequence[Row]) -> str:
+    return f"{held_rate(rows):.0f}" if rows else NONE
 
 
 def lost_table(rows: Sequence[Row]) -> Table:
@@ -77,10 +77,7 @@ def lost_table(rows: Sequence[Row]) -> Table:
         name: of for name, of in split(rows, "object").items() if where(of, estimator=SUBJECT)
     }
     ordered = sorted(groups, key=lambda name: held_rate(where(groups[name], estimator=SUBJECT)))
-    columns: list[Column] = [
-        (estimator_label(name), lambda rows, name=name: _rate_of(rows, name))  # type: ignore[misc]
-        for name in names(rows, "estimator")
-    ]
+    columns = columns_by("estimator", rows, _percent, estimator_label)
     columns.append(("how blend ended", _reasons))
     lost = {name: groups[name] for name in ordered[:_MOST_LOST]}
     return grouped_table("lost", "Objects held least often, in percent", "object", lost, columns)
@@ -94,13 +91,7 @@ def _reasons(rows: Sequence[Row]) -> str:
 
 def ways_table(rows: Sequence[Row]) -> Table:
     """Return the grasps held by each estimator, by the grasp's own family and hand."""
-    columns: list[Column] = [
-        (
-            estimator_label(name),
-            lambda rows, name=name: _count_of(where(rows, estimator=name)),  # type: ignore[misc]
-        )
-        for name in names(rows, "estimator")
-    ]
+    columns = columns_by("estimator", rows, _count_of, estimator_label)
     groups = split([row for row in rows if row.get("family")], "family", "hand")
     ordered = {key: groups[key] for key in sorted(groups)}
     return grouped_table("ways", "Held by family of the grasp", "grasp | hand", ordered, columns)
@@ -113,9 +104,8 @@ def _count_of(rows: Sequence[Row]) -> str:
 def attempts_table(rows: Sequence[Row]) -> Table:
     """Return the rates of one attempt and of several, of the same explorations."""
     more = [row for row in rows if row["attempts"] > 1]
-    key = ("object", "hand", "touches", "noise", "seed", "estimator")
-    once = {tuple(row[n] for n in key): row for row in where(rows, attempts=1)}
-    pairs = [(row, once[k]) for row in more if (k := tuple(row[n] for n in key)) in once]
+    once = {_key(row): row for row in where(rows, attempts=1)}
+    pairs = [(row, once[_key(row)]) for row in more if _key(row) in once]
     groups = {
         (estimator_label(name), str(most)): [
             pair for pair in pairs if (pair[0]["estimator"], pair[0]["attempts"]) == (name, most)
@@ -157,34 +147,28 @@ def rates_chart(rows: Sequence[Row], group: Callable[[Row], str], title: str) ->
 
 def beside_table(rows: Sequence[Row], earlier: Sequence[Row], objects: Groups) -> Table:
     """Return the rates of trials that an earlier version made too, where this is worse first."""
-    key = ("object", "hand", "touches", "noise", "seed", "estimator")
-    known = {tuple(row[name] for name in key): row for row in earlier}
+    known = {_key(row): row for row in earlier}
     family = group_of(objects)
     groups: dict[tuple[str, str], list[tuple[Row, Row]]] = {}
     for row in where(rows, attempts=1):
-        other = known.get(tuple(row[name] for name in key))
-        if other is not None:
+        if (other := known.get(_key(row))) is not None:
             for group in (family.get(row["object"], NONE), ALL):
                 label = estimator_label(row["estimator"])
                 groups.setdefault((label, group), []).append((row, other))
 
-    def change(pairs: Sequence[tuple[Row, Row]]) -> float:
-        return float(np.mean([bool(row["held"]) - bool(other["held"]) for row, other in pairs]))
-
     def verdict(pairs: Sequence[tuple[Row, Row]]) -> str:
-        gains = [float(row["held"]) - float(other["held"]) for row, other in pairs]
-        _, high = interval_over_objects([row for row, _ in pairs], gains)
-        if change(pairs) >= 0.0:
+        _, high = interval_over_objects([row for row, _ in pairs], gains(pairs))
+        if gains(pairs).mean() >= 0.0:
             return ""
         return "clearly worse" if high is not None and high < 0.0 else "worse"
 
     columns: list[Column] = [
         ("trials", lambda pairs: str(len(pairs))),
-        ("before [%]", lambda pairs: f"{held_rate([other for _, other in pairs]):.0f}"),
-        ("now [%]", lambda pairs: f"{held_rate([row for row, _ in pairs]):.0f}"),
+        ("before [%]", lambda pairs: _percent([other for _, other in pairs])),
+        ("now [%]", lambda pairs: _percent([row for row, _ in pairs])),
         ("difference, other objects", lambda pairs: difference(pairs)),
         ("this version is", verdict),
     ]
-    ordered = {place: groups[place] for place in sorted(groups, key=lambda p: change(groups[p]))}
+    ordered = dict(sorted(groups.items(), key=lambda group: gains(group[1]).mean()))
     title = "Beside the earlier version, trial by trial: the greatest loss first"
     return grouped_table("beside", title, "estimator | family", ordered, columns)

@@ -15,10 +15,10 @@ from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.run_config import SIMULATORS
 from lis_grasp_studies.figures.palette import estimator_label
 from lis_grasp_studies.harness.experiment import Experiment
-from lis_grasp_studies.harness.tables import Column, Table, grouped_table, split, where
+from lis_grasp_studies.harness.tables import Column, Table, columns_by, grouped_table, split, where
 from lis_grasp_studies.study.cells import difference
 from lis_grasp_studies.study.columns import FAILED, NO_GRASP
-from lis_grasp_studies.study.comparison import names, pairs_of
+from lis_grasp_studies.study.comparison import pairs_of
 from lis_grasp_studies.study.run import (
     DRAKE,
     estimate,
@@ -59,6 +59,12 @@ BOTH = Experiment("simulators", lift_in_both, columns_of, modules=(DRAKE,))
 """All grasps in both simulators."""
 
 
+def agreements(rows: Sequence[Row]) -> tuple[int, int]:
+    """Return how many grasps have the same outcome in both simulators, of how many executed."""
+    lifts = split((row for row in rows if row["reason"] not in (FAILED, NO_GRASP)), *_KEY)
+    return sum(len({row["held"] for row in lift}) == 1 for lift in lifts.values()), len(lifts)
+
+
 def held_table(rows: Sequence[Row]) -> Table:
     """Return the rates of each estimator in both simulators, in percent, and their agreement.
 
@@ -66,18 +72,15 @@ def held_table(rows: Sequence[Row]) -> Table:
     """
 
     def agreement(rows: Sequence[Row]) -> str:
-        lifts = split((row for row in rows if row["reason"] not in (FAILED, NO_GRASP)), *_KEY)
-        same = sum(len({row["held"] for row in lift}) == 1 for lift in lifts.values())
-        return f"{same} of {len(lifts)} ({100.0 * same / max(len(lifts), 1):.0f} %)"
+        same, lifts = agreements(rows)
+        return f"{same} of {lifts} ({100.0 * same / max(lifts, 1):.0f} %)"
 
-    def rate(rows: Sequence[Row], simulator: str) -> str:
-        held = [row["held"] for row in where(rows, simulator=simulator)]
-        return f"{100.0 * np.mean(held):.0f}"
+    def rate(rows: Sequence[Row]) -> str:
+        return f"{100.0 * np.mean([row['held'] for row in rows]):.0f}"
 
     columns: list[Column] = [
         ("trials", lambda rows: str(len(split(rows, *_KEY)))),
-        ("held in Drake [%]", lambda rows: rate(rows, "drake")),
-        ("held in MuJoCo [%]", lambda rows: rate(rows, "mujoco")),
+        *columns_by("simulator", rows, rate, lambda name: f"held in {_LABELS[name]} [%]"),
         ("agree", agreement),
     ]
     groups = {estimator_label(name): part for name, part in split(rows, "estimator").items()}
@@ -87,29 +90,23 @@ def held_table(rows: Sequence[Row]) -> Table:
 def difference_table(rows: Sequence[Row], estimator: str, reference: str) -> Table:
     """Return the difference of both estimators' rates in each simulator, in points, by hand."""
 
-    def cell(rows: Sequence[Row], hand: str | None = None) -> str:
-        chosen = rows if hand is None else where(rows, hand=hand)
-        return difference(pairs_of(chosen, [estimator], reference))
+    def cell(rows: Sequence[Row]) -> str:
+        return difference(pairs_of(rows, [estimator], reference))
 
     groups = {text: where(rows, simulator=name) for name, text in _LABELS.items()}
-    columns: list[Column] = [("all", cell)]
-    for hand in reversed(names(rows, "hand")):
-        columns.insert(0, (hand, lambda rows, hand=hand: cell(rows, hand)))  # type: ignore[misc]
+    columns = [*columns_by("hand", rows, cell), ("all", cell)]
     return grouped_table("by_hand", "Difference in points", "simulator", groups, columns)
 
 
 def disagreements_table(rows: Sequence[Row]) -> Table:
     """Return the grasps held in one simulator only."""
 
-    def end(lift: Sequence[Row], simulator: str) -> str:
-        (row,) = where(lift, simulator=simulator)
+    def end(lift: Sequence[Row]) -> str:
+        (row,) = lift
         turn = f"{np.degrees(row.get('turn') or 0.0):.0f}°"
         return f"{row['reason']}, {1e3 * (row.get('slip') or 0.0):.0f} mm, {turn}"
 
-    columns: list[Column] = [
-        (text, lambda lift, name=name: end(lift, name))  # type: ignore[misc]
-        for name, text in _LABELS.items()
-    ]
+    columns = columns_by("simulator", rows, end, lambda name: _LABELS[name])
     groups = {
         (name, f"`{hand}`", estimator_label(estimator)): lift
         for (name, hand, _, estimator), lift in split(rows, *_KEY).items()

@@ -10,19 +10,6 @@ from lis_grasp.typing import FloatArray, IntArray
 _BINS = 10
 
 
-def calibration_bins(
-    predicted: npt.ArrayLike, observed: npt.ArrayLike
-) -> list[tuple[int, float, float]]:
-    """Return the count, mean predicted probability and observed rate of each non-empty bin.
-
-    Arguments as of `expected_calibration_error`.
-    """
-    probability, outcome = np.asarray(predicted, np.float64), np.asarray(observed, np.float64)
-    index = _bins_of(probability)
-    members = [index == b for b in np.unique(index)]
-    return [(int(m.sum()), float(probability[m].mean()), float(outcome[m].mean())) for m in members]
-
-
 def expected_calibration_error(predicted: npt.ArrayLike, observed: npt.ArrayLike) -> float:
     """Return the expected calibration error (ECE).
 
@@ -30,9 +17,9 @@ def expected_calibration_error(predicted: npt.ArrayLike, observed: npt.ArrayLike
     (Naeini, Cooper and Hauskrecht, AAAI 2015). `predicted` are probabilities (N,), `observed` says
     of each event whether it occurred (N,).
     """
-    found = calibration_bins(predicted, observed)
-    off = sum(count * abs(rate - probability) for count, probability, rate in found)
-    return off / sum(count for count, _, _ in found)
+    probability, outcome = np.asarray(predicted, np.float64), np.asarray(observed, np.float64)
+    off = np.bincount(_bins_of(probability), outcome - probability)
+    return float(np.abs(off).sum() / len(probability))
 
 
 def chance_calibration_error(predicted: npt.ArrayLike) -> float:

@@ -140,6 +140,20 @@ def split(rows: Iterable[Row], *columns: str) -> dict[Any, list[Row]]:
     return groups
 
 
+def columns_by(
+    column: str,
+    rows: Iterable[Row],
+    cell: Callable[[Sequence[Row]], str],
+    label: Callable[[Any], str] = str,
+) -> list[Column]:
+    """Return a column for each value in a column of rows, with a cell of the rows that have it."""
+
+    def only(value: object) -> Callable[[Any], str]:
+        return lambda rows: cell(where(rows, **{column: value}))
+
+    return [(label(value), only(value)) for value in dict.fromkeys(row[column] for row in rows)]
+
+
 def values_of(rows: Iterable[Row], column: str) -> FloatArray:
     """Return the values of a column that are there, as floating-point numbers, shape (N,)."""
     return np.array([row[column] for row in rows if row.get(column) is not None], dtype=np.float64)

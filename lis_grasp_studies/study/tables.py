@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from itertools import product
+from operator import itemgetter
 
 import numpy as np
 
@@ -15,7 +16,15 @@ from lis_grasp_studies.harness.calibration import (
     expected_calibration_error,
 )
 from lis_grasp_studies.harness.statistics import cluster_sums, objects_of
-from lis_grasp_studies.harness.tables import NONE, Column, Table, grouped_table, split, where
+from lis_grasp_studies.harness.tables import (
+    NONE,
+    Column,
+    Table,
+    columns_by,
+    grouped_table,
+    split,
+    where,
+)
 from lis_grasp_studies.study.cells import (
     KIND_LABELS,
     MEASURE_LABELS,
@@ -79,7 +88,7 @@ def summary_table(rows: Sequence[Row], reference: str) -> Table:
     columns: list[Column] = [
         *_budget_columns(rows, held_text),
         ("all", held_text),
-        *((hand, _cell_where(held_text, hand=hand)) for hand in names(rows, "hand")),
+        *columns_by("hand", rows, held_text),
         (f"minus {estimator_label(reference)}", lambda rows: difference_text(against(rows))),
         ("p, Holm", adjusted_p),
     ]
@@ -119,14 +128,8 @@ def differences_table(rows: Sequence[Row], reference: str) -> Table:
 
 def _budget_columns(rows: Sequence[Row], cell: Callable[[Sequence[Row]], str]) -> list[Column]:
     """Return a column with a cell for each number of touches."""
-    budgets = sorted(names(rows, "touches"))
-    return [(f"{budget} touches", _cell_where(cell, touches=budget)) for budget in budgets]
-
-
-def _cell_where(
-    cell: Callable[[Sequence[Row]], str], **columns: object
-) -> Callable[[Sequence[Row]], str]:
-    return lambda rows: cell(where(rows, **columns))
+    ordered = sorted(rows, key=itemgetter("touches"))
+    return columns_by("touches", ordered, cell, lambda budget: f"{budget} touches")
 
 
 def _count(rows: Sequence[Row]) -> str:
@@ -244,13 +247,10 @@ def _without_repetitions(rows: Sequence[Row]) -> list[Row]:
 def objects_table(rows: Sequence[Row], measure: Measure) -> Table:
     """Return the mean of a measure for each object, level of noise and number of touches."""
 
-    def mean_of(name: str) -> Callable[[Sequence[Row]], str]:
-        def cell(rows: Sequence[Row]) -> str:
-            values = [value_of(row, measure) for row in where(rows, estimator=name)]
-            present = [value for value in values if value is not None]
-            return printed(measure, float(np.mean(present)) if present else None)
-
-        return cell
+    def mean(rows: Sequence[Row]) -> str:
+        values = [value_of(row, measure) for row in rows]
+        present = [value for value in values if value is not None]
+        return printed(measure, float(np.mean(present)) if present else None)
 
     measured = [row for row in rows if value_of(row, measure) is not None]
     return grouped_table(
@@ -258,7 +258,7 @@ def objects_table(rows: Sequence[Row], measure: Measure) -> Table:
         f"By object: {MEASURE_LABELS[measure]}",
         "object | noise | touches",
         split(measured, "object", "noise", "touches"),
-        [(estimator_label(name), mean_of(name)) for name in names(rows, "estimator")],
+        columns_by("estimator", rows, mean, estimator_label),
     )
 
 
@@ -266,10 +266,7 @@ def reasons_table(rows: Sequence[Row]) -> Table:
     """Return how many trials of each estimator ended for each reason."""
     totals = Counter(row["reason"] for row in rows)
     ordered = sorted(totals, key=lambda reason: (reason != "held", -totals[reason]))
-    columns = [
-        (estimator_label(name), _cell_where(_count, estimator=name))
-        for name in names(rows, "estimator")
-    ]
+    columns = columns_by("estimator", rows, _count, estimator_label)
     groups = {reason: where(rows, reason=reason) for reason in ordered}
     return grouped_table("reasons", "How trials ended", "reason", groups, columns)
 
