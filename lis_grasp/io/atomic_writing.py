@@ -29,7 +29,8 @@ def whole_file(path: Path) -> Iterator[Path]:
             os.fsync(file.fileno())
         temporary.replace(path)
     except OSError as error:
-        advice = ": name another folder" if isinstance(error, PermissionError) else ""
+        blocked = isinstance(error, FileExistsError | NotADirectoryError | PermissionError)
+        advice = ": name another folder" if blocked else ""
         message = f"cannot write {path}: {error.strerror or error}{advice}"
         raise InvalidFileError(message, path=path) from None
     finally:

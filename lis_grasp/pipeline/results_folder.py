@@ -60,15 +60,18 @@ def read_facts(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
 
     Raises `InvalidFileError` if the file cannot be read, or a fact is not of its type.
     """
-    facts = provenance.read(path, usual=usual)
-    checked(RecordedFacts, facts, path, "header")
-    return located(facts, path.parent)
+    return _usable(provenance.read(path, usual=usual), path)
 
 
 def read_touches(path: Path) -> tuple[dict[str, Any], tuple[ProbeOutcome, ...]]:
-    """Return the facts and the outcomes of a touch log, as `read_log`, `located`."""
+    """Return the facts of a touch log, as of `read_facts`, and its outcomes, as of `read_log`."""
     facts, outcomes = read_log(path)
-    return located(facts, path.parent), outcomes
+    return _usable(facts, path), outcomes
+
+
+def _usable(facts: dict[str, Any], path: Path) -> dict[str, Any]:
+    checked(RecordedFacts, facts, path, "header")
+    return located(facts, path.parent)
 
 
 def located(facts: dict[str, Any], folder: Path) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import pytest
 
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.pipeline import RunConfig
-from lis_grasp.pipeline.results_folder import RecordedFacts, read_facts
+from lis_grasp.pipeline.results_folder import RecordedFacts, read_facts, read_touches
 
 
 def _file_with(tmp_path: Path, **facts: object) -> Path:
@@ -23,6 +23,10 @@ def test_a_fact_of_another_type_is_refused_by_its_name(
 ) -> None:
     with pytest.raises(InvalidFileError, match=f"header: {name}[][0-9]* must"):
         read_facts(_file_with(tmp_path, **{name: value}))
+    log = tmp_path / "touches.jsonl"
+    log.write_text(json.dumps({"touch_log": 1, name: value}) + "\n")
+    with pytest.raises(InvalidFileError, match=f"header: {name}[][0-9]* must|cannot be read"):
+        read_touches(log)
 
 
 def test_every_option_of_a_run_has_a_type_in_headers() -> None:
