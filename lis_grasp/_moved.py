@@ -7,6 +7,8 @@ from importlib import import_module
 from types import MappingProxyType, ModuleType
 from typing import Any
 
+from lis_grasp.exceptions import nearest_or_all
+
 _PLACES = {
     "arms.arm": "lis_grasp.robots.arm",
     "arms.arm_check": "lis_grasp.arms.check",
@@ -80,7 +82,7 @@ ADVICE = {
         "next_probe next_touch": "exploration.choose(...), or run `lis-grasp next`",
         "contacts.to_csv save_contacts": "contacts.save(path)",
         "save_mesh surface.save": "extract_mesh(surface).export(path)",
-        "compare chamfer_distance evaluate rmse": "surface_error(mesh, truth)",
+        "compare chamfer_distance evaluate": "surface_error(mesh, truth)",
         "ferrari_canny": "epsilon_quality(points, normals, friction=0.5)",
         "shape_names": "shapes.NAMES",
         "estimator estimators register_estimator": "surfaces.ESTIMATORS, or 'my.module:Class'",
@@ -128,8 +130,9 @@ def module_names(
             if name in (home, *homes[home].split()):
                 loaded = import_module(f"{module}.{home}")
                 return loaded if name == home else getattr(loaded, name)
-        place = new_place(f"{module}.{name}") or f"module '{module}' has no attribute '{name}'"
-        raise AttributeError(place)
+        advice = "" if name.startswith("_") else nearest_or_all(name, names)
+        place = new_place(f"{module}.{name}")
+        raise AttributeError(place or f"module '{module}' has no attribute '{name}'{advice}")
 
     return get, lambda: sorted(names)
 

@@ -42,6 +42,12 @@ def nearest_of(value: object, choices: Iterable[str]) -> str:
     return f": did you mean '{close[0]}'?" if close else ""
 
 
+def nearest_or_all(value: object, choices: Iterable[str]) -> str:
+    """Return the end of a message as of `nearest_of`, or else with all choices."""
+    names = sorted(set(choices))
+    return nearest_of(value, names) or f": it has {', '.join(names)}"
+
+
 class LisGraspWarning(UserWarning):
     """What a reader left out of a file or made of it; the command line prints it as a note."""
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from lis_grasp._moved import ADVICE
-from lis_grasp.exceptions import nearest_of
+from lis_grasp.exceptions import nearest_of, nearest_or_all
 
 # Entries of an array that are shown; of longer ones the shape is.
 _SHOWN = 4
@@ -37,11 +37,12 @@ def _refuse(item: Any, name: str) -> Any:
     Python asks here after an `AttributeError` inside a property too, whose own error is raised.
     """
     kind, default = (item, type) if isinstance(item, type) else (type(item), object)
-    owner = kind.__name__
-    full = f"{owner[-7:] if owner.endswith('Surface') else owner}.{name}".lower()
-    advice = ADVICE.get(full, ADVICE.get(name))
-    if advice is None:
+    if name.startswith("_") or name in dir(kind):
         return default.__getattribute__(item, name)
+    owner, members = kind.__name__, {*dir(kind), *getattr(kind, "__dataclass_fields__", ())}
+    full = f"{owner[-7:] if owner.endswith('Surface') else owner}.{name}".lower()
+    public = (member for member in members if not member.startswith("_"))
+    advice = ADVICE.get(full) or ADVICE.get(name) or nearest_or_all(name, public)
     raise AttributeError(f"'{owner}' has no attribute '{name}'{advice}", name=name, obj=item)
 
 

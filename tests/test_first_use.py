@@ -171,6 +171,11 @@ def test_an_unknown_option_is_refused_with_the_nearest(tmp_path: Path) -> None:
     for call in (lis_grasp.explore, lis_grasp.plan, lis_grasp.run):
         with pytest.raises(TypeError, match="'frictoin'.*'friction'"):
             call("box", frictoin=0.5)
+    for given, meant in (("count", "grasps"), ("mu", "friction")):
+        with pytest.raises(TypeError, match=f"'{given}': did you mean '{meant}'"):
+            lis_grasp.plan("box", **{given: 1})
+    with pytest.raises(TypeError, match="'whatever': it has .*friction, grasps"):
+        lis_grasp.plan("box", whatever=1)
     with pytest.raises(TypeError, match="^grasp .*Grasp"):
         lis_grasp.lift("box", "wsg50", GraspSearch(()))  # type: ignore[arg-type]
     for given, meant in (("method", "estimator"), ("postion_noise", "position_noise")):
@@ -327,8 +332,12 @@ def test_a_guessed_member_is_answered(gripper: Hand, box: trimesh.Trimesh) -> No
         (surface, "distance", "write evaluate(points)"),
         (surface, "normal", "write gradient(points)"),
         (surface, "plot", "write Scene("),
+        (lis_grasp.shapes, "cube", "it has BUILDERS"),
         (surface, "to_mesh", "write extract_mesh(surface)"),
         (grasp, "contacts", "write contact_points"),
+        (grasp, "joints", "did you mean 'joint_names'?"),
+        (lis_grasp.surface_error(box, box, samples=9), "rmse", "did you mean 'rmsd'?"),
+        (surface, "inside", "it has bounds, evaluate"),
         (grasp, "score", "write epsilon or success_probability"),
     ):
         with pytest.raises(AttributeError, match=f"'{name}': .*{re.escape(advice)}"):

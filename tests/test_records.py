@@ -51,5 +51,5 @@ def test_an_error_inside_a_property_is_not_taken_for_a_missing_member() -> None:
 
     with pytest.raises(AttributeError, match="'NoneType' object has no attribute 'size'"):
         _ = Broken().extent
-    with pytest.raises(AttributeError, match="'Broken' object has no attribute 'absent'"):
+    with pytest.raises(AttributeError, match="'Broken' has no attribute 'absent': it has extent"):
         _ = Broken().absent

@@ -1,5 +1,6 @@
 """Touch, estimate, exploration and grasp as systems in the user's own Drake Diagram."""
 
+from lis_grasp._moved import module_names
 from lis_grasp.drake.bodies import add_hand, add_object
 from lis_grasp.drake.grasp_planner import GraspPlanner
 from lis_grasp.drake.haptic_explorer import HapticExplorer
@@ -14,3 +15,4 @@ __all__ = [
     "add_hand",
     "add_object",
 ]
+__getattr__, __dir__ = module_names(__name__, __all__)

@@ -18,6 +18,7 @@ from lis_grasp.exceptions import (
     require_at_least,
     require_positive,
 )
+from lis_grasp.records import Record
 from lis_grasp.shapes import Shape, find, sharp_edges
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.shapes.shape import require_mesh
@@ -29,7 +30,7 @@ SAMPLES = 10_000
 
 
 @dataclass(frozen=True, slots=True)
-class SurfaceError:
+class SurfaceError(Record):
     """Deviations between an estimate and the truth, over the explored part.
 
     Explored are points within `explored_radius` of a contact (Ottenhaus et al. 2016, section IV.D,

@@ -12,6 +12,7 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, counted, require_at_least, require_positive
 from lis_grasp.motion import OBJECT, Motion
+from lis_grasp.records import Record
 from lis_grasp.typing import FloatArray
 
 EFFORT_LIMIT = 0.999
@@ -151,7 +152,7 @@ class LiftOptions:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LiftOutcome:
+class LiftOutcome(Record):
     """Outcome of a simulated lift.
 
     In the hand is an object that at least two links of the hand touch, and that has moved and

@@ -155,7 +155,8 @@ def plan(
     hand
         The hand.
     support_height
-        Height of the plane that the object is on in O [m]; None for its lowest point.
+        Height of the plane that the object is on in O [m]; None for its lowest point, which an
+        estimate only guesses: ``contacts.bounds[0, 2]`` is what ``lis-grasp grasp`` takes.
     rng
         Seed, or a generator that draws it.
     options
@@ -232,7 +233,8 @@ def lift(
         hand, grasp = None, grasp or hand
     if not isinstance(grasp, Grasp):
         raise TypeError(
-            f"grasp of lift(object, hand, grasp) must be a Grasp; it is a {type(grasp).__name__}"
+            "grasp of lift(object, hand, grasp) must be a Grasp, such as plan(...).best; it is a"
+            f" {type(grasp).__name__}"
         )
     chosen = grasp.hand if hand is None else hand
     return lifting_stage.lift(_scenario(object, chosen, options), grasp)

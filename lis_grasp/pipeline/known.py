@@ -13,6 +13,7 @@ import trimesh
 from lis_grasp.arms.placement import choose_base
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidContactsError
 from lis_grasp.exploration import Policy, Region, TactileSensor, Workspace
 from lis_grasp.exploration.extent import End, unseen_ends
 from lis_grasp.geometry import inverse_pose, make_pose, require_pose
@@ -161,7 +162,13 @@ class Known(Perception):
     @cached_property
     def cloud_contacts(self) -> Contacts:
         """Contacts that are known before the first touch; errors are those of `load_source`."""
-        return Contacts.empty() if self.cloud is None else load_source(ContactSource(self.cloud))
+        if self.cloud is None:
+            return Contacts.empty()
+        try:
+            return load_source(ContactSource(self.cloud))
+        except InvalidContactsError as error:  # options of `estimate` would help
+            advice = "in lis-grasp estimate: name the contacts.ply that it writes as `cloud`"
+            raise InvalidContactsError(f"{error}, {advice}", field=error.field) from None
 
     def load_prior(self, mesh: trimesh.Trimesh) -> LoadPrior:
         """Return the distribution of mass and friction of an estimated object."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import trimesh
 
-from lis_grasp.exceptions import InvalidOptionError, nearest_of
+from lis_grasp.exceptions import InvalidOptionError, nearest_or_all
 from lis_grasp.exploration import Region, TactileSensor
 from lis_grasp.exploration.policy import POLICY_NAMES
 from lis_grasp.io.yaml_files import YAML_SUFFIXES
@@ -362,7 +362,14 @@ class RunConfig(metaclass=Answering):
 
 
 # What other libraries and the command line call options.
-_GUESSES = {"output": "folder", "directory": "folder", "rng": "seed", "table": "support_height"}
+_GUESSES = {
+    **dict.fromkeys(("directory", "output", "save_dir"), "folder"),
+    **dict.fromkeys(("count", "n", "num"), "grasps"),
+    "mu": "friction",
+    "noise": "position_noise",
+    "rng": "seed",
+    "table": "support_height",
+}
 
 
 def require_used(stage: Callable[..., Any], given: Iterable[str], used: Sequence[str]) -> None:
@@ -377,6 +384,5 @@ def require_used(stage: Callable[..., Any], given: Iterable[str], used: Sequence
         if name in options_of(RunConfig):
             listed = ", ".join(accepted)
             raise TypeError(f"{stage.__name__} does not use the option '{name}', but {listed}")
-        guess = _GUESSES.get(name)
-        nearest = f": did you mean '{guess}'?" if guess in accepted else nearest_of(name, accepted)
+        nearest = nearest_or_all(_GUESSES.get(name, name), accepted)
         raise TypeError(f"{stage.__name__} has no option '{name}'{nearest}")

@@ -8,6 +8,7 @@ Examples
 'box'
 """
 
+from lis_grasp._moved import module_names
 from lis_grasp.io.units import UNITS
 from lis_grasp.shapes.builtin import (
     BUILDERS,
@@ -65,4 +66,4 @@ __all__ = [
     "sphere",
     "torus",
 ]
-__dir__ = sorted(__all__).copy  # dir() lists the public names
+__getattr__, __dir__ = module_names(__name__, __all__)

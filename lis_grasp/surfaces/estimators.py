@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError, nearest_of, note
+from lis_grasp.exceptions import InvalidOptionError, nearest_or_all, note
 from lis_grasp.io.units import LARGEST
 from lis_grasp.plugins import Guarded, Registry, errors_of
 from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
@@ -154,8 +154,9 @@ def estimate(
         )
     make = find_estimator(estimator) if isinstance(estimator, str) else estimator
     for name in sorted(options.keys() - _accepted(make, options).keys()):
-        accepted = [*inspect.signature(make).parameters, *(estimate.__kwdefaults__ or ())][1:]
-        nearest = ": did you mean 'estimator'?" if name == "method" else nearest_of(name, accepted)
+        accepted = {*inspect.signature(make).parameters, *inspect.signature(estimate).parameters}
+        guess = {"method": "estimator", "noise": "position_noise"}.get(name, name)
+        nearest = nearest_or_all(guess, accepted - {"contacts", "options"})
         raise TypeError(f"estimate with {estimator} has no option '{name}'{nearest}")
     if contacts.extent > LARGEST:
         note(f"contacts are in metres, and these are {contacts.extent:.3g} m apart: check the unit")

@@ -12,6 +12,7 @@ import trimesh
 from lis_grasp import pipeline, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidContactsError
 from lis_grasp.exploration import TactileSensor, load_outcomes
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.pipeline import ContactSource, RunConfig, Scenario
@@ -40,6 +41,14 @@ def upper_half(tmp_path: Path) -> Path:
     path = tmp_path / "cloud.ply"
     box_cloud(1500, top=True).save(path)
     return path
+
+
+def test_a_cloud_in_millimetres_is_refused_with_the_command_that_scales_it(tmp_path: Path) -> None:
+    cloud = box_cloud(30, top=False)
+    Contacts(1e3 * cloud.points, cloud.normals).save(tmp_path / "cloud.csv")
+    config = RunConfig("box", cloud=str(tmp_path / "cloud.csv"))
+    with pytest.raises(InvalidContactsError, match=r"mm \(then .* in lis-grasp estimate.*`cloud`"):
+        _ = Scenario.from_config(config).known.cloud_contacts
 
 
 def test_each_file_keeps_its_noise_or_gets_its_own(tmp_path: Path) -> None:
