@@ -91,6 +91,7 @@ def execute(options: argparse.Namespace) -> None:
     from lis_grasp_studies.evaluation.configuration import SHIPPED, Configuration
     from lis_grasp_studies.evaluation.page import fill_template, state_of, write_results
     from lis_grasp_studies.evaluation.results import EvaluationResults
+    from lis_grasp_studies.harness.tables import split
     from lis_grasp_studies.study.results import read_parquet
 
     require_packages("pyarrow", "statsmodels", extra="study", option="evaluate")
@@ -114,13 +115,18 @@ def execute(options: argparse.Namespace) -> None:
         )
     if path != stored:
         write_text(stored, path.read_text(encoding="utf-8"))
+    parts = configuration.ordered(rows)
+    if path == stored and not results.lines.path.is_file():
+        # Parquet files beside their configuration have all its rows in order, and no others.
+        found = split(rows, "part")
+        parts = {name: found[name] for name in configuration.parts if name in found}
     with Stage("Reporting") as stage:
-        results.write_parquet(configuration.ordered(rows))
-        write_results(output, configuration, rows, command=_command(options), earlier=earlier)
+        results.write_parquet(parts)
+        write_results(output, configuration, parts, command=_command(options), earlier=earlier)
         if options.fill:
             template, page = options.fill
-            write_text(page, fill_template(template, configuration, rows, earlier))
-        stage.result = f"{len(rows)} rows of {state_of(configuration.ordered(rows))}"
+            write_text(page, fill_template(template, configuration, parts, earlier))
+        stage.result = f"{len(rows)} rows of {state_of(parts)}"
     say(f"wrote {output}/results.md, report.html, numbers.json, configuration.yaml")
     say("      and folders rows, tables, charts")
     say(f"next: open {output}/report.html in a browser")

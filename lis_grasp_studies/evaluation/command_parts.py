@@ -52,11 +52,8 @@ class CommandsPart(SeedsPart):
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return the outcomes of runs, and the costs of all commands."""
-        label = {command: name for name, command in self.commands.items()}
-        groups = {
-            (label[command], name): of
-            for (command, name), of in split(rows, "command", "object").items()
-        }
+        rows = self._named(rows)
+        lifts = [row for row in rows if row.get("held") is not None]
         costs: list[Column] = [
             ("runs", lambda rows: str(len(where(rows, package=THIS)))),
             *(
@@ -70,10 +67,6 @@ class CommandsPart(SeedsPart):
                 if package == THIS or where(rows, package=BESIDE)
             ),
         ]
-        tables = [grouped_table("costs", "Costs, medians", "command | object", groups, costs)]
-        lifts = {key: [r for r in of if r.get("held") is not None] for key, of in groups.items()}
-        for name, of in split([row for part in lifts.values() for row in part], "command").items():
-            lifts[label[name], ALL] = of
         outcomes: list[Column] = [
             ("held (95 %)", _held),
             ("without violation", _held_within_limits),
@@ -84,20 +77,29 @@ class CommandsPart(SeedsPart):
             ("motion [s]", median_cell("motion", digits=0)),
             ("other reasons", _reasons),
         ]
-        if any(lifts.values()):
-            title = "Runs, lost ones by their reasons"
-            tables.insert(0, grouped_table("runs", title, "command | object", lifts, outcomes))
-        return tables
+        runs = split(lifts, "command", "object")
+        runs |= {(name, ALL): of for name, of in split(lifts, "command").items()}
+        title, first = "Runs, lost ones by their reasons", "command | object"
+        whole = split(rows, "command", "object")
+        return [
+            grouped_table("runs", title, first, runs, outcomes),
+            grouped_table("costs", "Costs, medians", first, whole, costs),
+        ]
 
     def numbers(self, rows: Sequence[Row]) -> dict[str, float]:
         """Return how often each command held each object, of how many trials, and its cost [s]."""
-        label = {command: name for name, command in self.commands.items()}
         found: dict[str, float] = {}
-        for (command, name), of in split(where(rows, package=THIS), "command", "object").items():
-            lifts, key = values_of(of, "held"), f"{label[command]} {name}"
+        own = where(self._named(rows), package=THIS)
+        for names, of in split(own, "command", "object").items():
+            lifts, key = values_of(of, "held"), " ".join(names)
             found |= {key: int(lifts.sum()), f"{key} trials": len(lifts)}
             found[f"{key} CPU"] = float(np.median(values_of(of, "processor")))
         return found
+
+    def _named(self, rows: Sequence[Row]) -> list[Row]:
+        """Return rows with the names of their commands."""
+        label = {command: name for name, command in self.commands.items()}
+        return [row | {"command": label[row["command"]]} for row in rows]
 
 
 def _count(rows: Sequence[Row]) -> str:

@@ -26,19 +26,21 @@ _METHOD = (
 )
 
 
-def published_numbers(
-    configuration: Configuration, rows: Sequence[Row]
-) -> dict[str, dict[str, float]]:
+Parts = Mapping[str, list[Row]]
+"""Rows by part, each in the order of its trials, as `Configuration.ordered` returns them."""
+
+
+def published_numbers(configuration: Configuration, parts: Parts) -> dict[str, dict[str, float]]:
     """Return the numbers of each part that has rows, for pages that quote them."""
     return {
         name: {"objects": len({row.get("object", row.get("shape")) for row in of})}
         | configuration.parts[name].numbers(of)
-        for name, of in configuration.ordered(rows).items()
+        for name, of in parts.items()
     }
 
 
 def fill_template(
-    template: Path, configuration: Configuration, rows: Sequence[Row], earlier: Sequence[Row] = ()
+    template: Path, configuration: Configuration, parts: Parts, earlier: Sequence[Row] = ()
 ) -> str:
     """Return a page: a text in which numbers, tables and the measured state are fields.
 
@@ -48,13 +50,12 @@ def fill_template(
 
     Raises `InvalidFileError` if the rows have no such number, table or line.
     """
-    parts = configuration.ordered(rows)
     tables = {
         f"{name}.{table.name}": table
         for name, of in parts.items()
         for table in _tables(configuration.parts[name], of, earlier)
     }
-    fields = published_numbers(configuration, rows) | {"tables": tables, "state": state_of(parts)}
+    fields = published_numbers(configuration, parts) | {"tables": tables, "state": state_of(parts)}
     try:
         return template.read_text(encoding="utf-8").format_map(fields)
     except (LookupError, ValueError) as error:
@@ -72,7 +73,7 @@ def _tables(part: Part, rows: Sequence[Row], earlier: Sequence[Row]) -> list[Tab
     return [table for table in tables if table.body]
 
 
-def state_of(parts: Mapping[str, list[Row]]) -> str:
+def state_of(parts: Parts) -> str:
     """Return the version and the commit of all rows; of several, the parts of each."""
     states = split((row for of in parts.values() for row in of), "version", "commit")
     texts = []
@@ -85,7 +86,7 @@ def state_of(parts: Mapping[str, list[Row]]) -> str:
 def write_results(
     folder: Path,
     configuration: Configuration,
-    rows: Sequence[Row],
+    parts: Parts,
     *,
     command: str,
     earlier: Sequence[Row] = (),
@@ -96,16 +97,13 @@ def write_results(
     ----------
     folder
         Exists already.
-    configuration
-        Parts without rows are left out.
-    rows
-        Of the evaluation.
+    configuration, parts
+        Of the evaluation, and its rows; parts without rows are left out.
     command
         That repeats it.
     earlier
         Rows of the study of unknown objects by an earlier version, compared trial by trial.
     """
-    parts = configuration.ordered(rows)
     answers = tuple(
         (*answer, name)
         for name, of in parts.items()
@@ -134,11 +132,11 @@ def write_results(
         write_tables(folder / "tables" / name, tables)
     write_text(folder / "results.md", "\n".join(markdown))
     write_page(folder / "report.html", title, html)
-    numbers = json.dumps(published_numbers(configuration, rows), indent=1)
+    numbers = json.dumps(published_numbers(configuration, parts), indent=1)
     write_text(folder / "numbers.json", f"{numbers}\n")
 
 
-def _header(configuration: Configuration, parts: Mapping[str, list[Row]], command: str) -> str:
+def _header(configuration: Configuration, parts: Parts, command: str) -> str:
     rows = [row for of in parts.values() for row in of]
     trials = list(configuration.jobs(None))
     whole = {(job.trial, job.variants) for job in trials}

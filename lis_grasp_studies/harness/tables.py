@@ -70,16 +70,17 @@ class Table:
         """Return some lines as Markdown; all by default.
 
         A choice is of conditions separated by " | ": "first 5", or texts separated by "; ", one of
-        which is a cell of the line.
+        which is a cell of the line, after "touches=" the cell in this column.
         """
         lines = self.body
         for condition in choice.split(" | ") if choice else ():
-            word, _, count = condition.partition(" ")
-            if word == "first":
-                lines = lines[: int(count)]
+            column, equals, texts = condition.rpartition("=")
+            if condition.startswith("first "):
+                lines = lines[: int(condition.split()[1])]
             else:
-                texts = set(condition.split("; "))
-                lines = tuple(line for line in lines if not texts.isdisjoint(line))
+                k = self.head.index(column) if equals else None
+                wanted = {*texts.split("; ")}
+                lines = tuple(x for x in lines if wanted & ({*x} if k is None else {x[k]}))
         if not lines:
             raise ValueError(f"table {self.name} has no line {choice!r}")
         return Table(self.name, self.title, self.head, lines).markdown().rstrip()

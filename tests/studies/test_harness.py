@@ -14,7 +14,7 @@ from lis_grasp_studies.contact_study.score import SURFACES
 from lis_grasp_studies.evaluation.simulators import BOTH
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.program import read_options
-from lis_grasp_studies.harness.tables import grouped_table, mean_cell, split, where
+from lis_grasp_studies.harness.tables import Table, grouped_table, mean_cell, split, where
 from lis_grasp_studies.paper.trials import PAPER
 
 
@@ -75,6 +75,28 @@ def test_a_table_has_a_line_for_each_group_with_rows() -> None:
     assert table.head == ("a", "b", "mean [mm]")
     assert table.body == (("x", "1", "2.0"), ("y", "2", "–"))
     assert table.text().splitlines()[:3] == ["Title", "a  b  mean [mm]", "x  1        2.0"]
+
+
+@pytest.mark.parametrize(
+    ("choice", "lines"),
+    [
+        ("", ["x 1", "x 2", "y 1"]),
+        ("first 1", ["x 1"]),
+        ("y; 2", ["x 2", "y 1"]),
+        ("a=x | b=1; 3", ["x 1"]),
+        ("x | first 1", ["x 1"]),
+        ("a=1", []),  # of another column
+        ("c=1", []),
+    ],
+)
+def test_some_lines_of_a_table_are_chosen_by_their_cells(choice: str, lines: list[str]) -> None:
+    table = Table("t", "Title", ("a", "b"), (("x", "1"), ("x", "2"), ("y", "1")))
+    if lines:
+        shown = format(table, choice).splitlines()[2:]
+        assert shown == [f"| {' | '.join(line.split())} |" for line in lines]
+    else:
+        with pytest.raises(ValueError, match="."):
+            format(table, choice)
 
 
 def test_options_have_the_types_of_their_defaults() -> None:
