@@ -311,9 +311,10 @@ def load_probability(
 def shape_probability(load_expected: npt.ArrayLike, model: WrenchModel) -> FloatArray:
     """Return the predicted probability that a grasp holds an object of hardly any weight.
 
-    It depends on the surface and what is known of it: the qualities ``load_expected``.
+    It depends on the surface and what is known of it: the quality ``load_expected``. It is never 1:
+    the lifts of the fit do not show every reason for which an object is lost.
     """
-    slope, offset = (SUCCESS_MODEL[name]["load_expected"] for name in ("slopes", "offsets"))
-    logit = SUCCESS_MODEL["intercepts"][model.contact_model]
-    logit = logit + slope * np.log(np.asarray(load_expected) + offset)
-    return np.asarray(1.0 / (1.0 + np.exp(-logit)))
+    shape, offset = SUCCESS_MODEL["shape"][model.contact_model], SUCCESS_MODEL["offsets"]
+    logs = np.log(np.asarray(load_expected) + offset["load_expected"])
+    logit = shape["intercept"] + shape["slope"] * logs
+    return np.asarray(SUCCESS_MODEL["ceiling"] / (1.0 + np.exp(-logit)))

@@ -6,6 +6,8 @@ import trimesh
 
 from lis_grasp import ForceClosureSampler, Hand
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.grasping.contact_wrenches import ContactModel, WrenchModel
+from lis_grasp.grasping.grasp_ranking import load_probability, shape_probability
 from lis_grasp.grasping.grasps import LoadPrior
 from lis_grasp.grasping.hand_capacity import EFFORT_FRACTION, grip_fraction
 
@@ -89,3 +91,18 @@ def test_a_bar_with_an_unseen_end_is_predicted_to_be_lost_more_often() -> None:
         for toward in ((), ((0.0, 0.05, 0.0),))
     )
     assert unseen["success_probability"] < seen["success_probability"] - 0.1
+
+
+@pytest.mark.parametrize("kind", ["coulomb", "soft_finger"])
+def test_predicted_success_grows_with_load_and_strength_and_is_never_certain(
+    kind: ContactModel,
+) -> None:
+    model = WrenchModel(0.8, kind)
+    shape = shape_probability(np.linspace(0.0, 1.0, 50), model)  # no grip carries more than itself
+    masses = np.array([[0.01], [0.2], [5.0]])
+    carried = load_probability(np.geomspace(1e-3, 1e3, 50), masses, model)
+    assert (np.diff(shape) > 0.0).all()
+    assert (np.diff(carried, axis=1) > 0.0).all()
+    assert (np.diff(carried, axis=0) < 0.0).all()
+    assert shape.min() * carried.min() > 0.0
+    assert shape.max() * carried.max() < 0.99
