@@ -56,7 +56,7 @@ class BlendedImplicitSurface(metaclass=Answering):
     """
 
     sharp: PatchImplicitSurface  #: the estimate with sharp edges
-    smooth: GaussianProcessImplicitSurface | SmoothImplicitSurface  #: the estimate without
+    smooth: SmoothImplicitSurface  #: the estimate without
     places: FloatArray  #: (M, 3) [m], places of contacts
     log_ratios: FloatArray  #: (M,), mean log (error of smooth / error of sharp) at each place
 
@@ -78,17 +78,13 @@ class BlendedImplicitSurface(metaclass=Answering):
         sharp = PatchImplicitSurface.from_contacts(prepared)
         with_noise = prepared.with_noise(sharp.position_noise, sharp.normal_noise)
         bound = GaussianProcessImplicitSurface.from_contacts(with_noise)
-        own = SmoothImplicitSurface.beside(bound, prepared)
-        smooth: GaussianProcessImplicitSurface | SmoothImplicitSurface = own
+        smooth = SmoothImplicitSurface.beside(bound, prepared)
         places, normals = prepared.places, sharp.normals
         log_ratios = np.zeros(len(places.nodes))
         if len(places.nodes) >= _LEAST_PLACES:
             folds = (np.arange(len(places.nodes)) % _FOLDS)[places.place]
             of_sharp = log_errors(_predict_left_out(sharp, folds), normals, places)
-            log_ratios = log_errors(own.free.leave_groups_out(folds), normals, places) - of_sharp
-            if _overall(log_ratios) >= _NO_WEIGHT:  # an object with edges
-                smooth = bound
-                log_ratios = log_errors(bound.leave_groups_out(folds), normals, places) - of_sharp
+            log_ratios = log_errors(smooth.free.leave_groups_out(folds), normals, places) - of_sharp
         return cls(sharp, smooth, sharp.points[places.nodes], log_ratios)
 
     @property

@@ -21,10 +21,10 @@ from lis_grasp.surfaces.gaussian_process_implicit_surface import (
 from lis_grasp.surfaces.queries import flat_points
 from lis_grasp.typing import FloatArray
 
-# Length of the kernel in largest distances between two contacts, and whether it is stretched. The
-# first is the default: another is chosen if it predicts places that are left out better, by more
-# than a standard error.
-_CHOICES = ((0.8, False), (0.6, False), (0.8, True))
+# Length of the kernel in largest distances between two contacts, and whether it is stretched; None
+# for `gpis`. The first is the default: another is chosen if it predicts places that are left out
+# better, by more than a standard error.
+_CHOICES = ((0.8, False), (0.6, False), (0.8, True), None)
 _CAUTION = 1.0
 
 # Fewer places than this do not choose.
@@ -49,8 +49,8 @@ class SmoothImplicitSurface(metaclass=Answering):
     f = bound + v (free - bound)
 
     The free process has the Matern 7/2 kernel that predicts left-out places best, and observes
-    directions of gradients only. v falls from 1 to 0 where it is a quarter to half a spacing from
-    the bound one, which is `gpis`.
+    directions of gradients only; it is the bound one where that predicts better. v falls from 1 to
+    0 where it is a quarter to half a spacing from the bound one, which is `gpis`.
 
     Made by `from_contacts`. Near contacts f is about metric.
 
@@ -61,7 +61,7 @@ class SmoothImplicitSurface(metaclass=Answering):
     True
     """
 
-    free: GaussianProcessImplicitSurface  #: the process whose gradients are of free length
+    free: GaussianProcessImplicitSurface  #: that with gradients of free length, or `bound` too
     bound: GaussianProcessImplicitSurface  #: that with gradients of length 1, `gpis`
     spacing: float  #: of the places of contacts [m]
 
@@ -89,18 +89,17 @@ class SmoothImplicitSurface(metaclass=Answering):
     ) -> SmoothImplicitSurface:
         """Return the estimate beside `gpis` of the same contacts."""
         few = prepared.thinned(MOST_FOR_SETTINGS)
-        best, most, places = _CHOICES[0], 0.0, few.places
-        process = default = _free(few, best)
+        plain = bound if few is prepared else GaussianProcessImplicitSurface.from_contacts(few)
+        best, places = 0, few.places
+        processes = [_free(few, _CHOICES[0], plain)]
         if len(places.nodes) >= _LEAST_PLACES:
-            normals = few.contacts.normals
-            errors = log_errors(default.leave_groups_out(places.place), normals, places)
-            for choice in _CHOICES[1:]:
-                other = _free(few, choice)
-                gains = errors - log_errors(other.leave_groups_out(places.place), normals, places)
-                clear = float(gains.mean() - _CAUTION * gains.std() / np.sqrt(len(gains)))
-                if clear > most:
-                    best, most, process = choice, clear, other
-        free = process if few is prepared else _free(prepared, best)
+            processes += [_free(few, choice, plain) for choice in _CHOICES[1:]]
+            predicted = (process.leave_groups_out(places.place) for process in processes)
+            errors = np.stack([log_errors(p, few.contacts.normals, places) for p in predicted])
+            gains = errors[0] - errors  # (choices, places)
+            doubt = gains.std(axis=1) / np.sqrt(len(places.nodes))
+            best = int(np.argmax(gains.mean(axis=1) - _CAUTION * doubt))
+        free = processes[best] if few is prepared else _free(prepared, _CHOICES[best], bound)
         return cls(free, bound, prepared.places.spacing)
 
     @property
@@ -137,8 +136,14 @@ class SmoothImplicitSurface(metaclass=Answering):
         return agreement(differences, _NEAR * self.spacing, _FAR * self.spacing)
 
 
-def _free(prepared: PreparedContacts, choice: tuple[float, bool]) -> GaussianProcessImplicitSurface:
-    """Return the free process with one of the choices."""
+def _free(
+    prepared: PreparedContacts,
+    choice: tuple[float, bool] | None,
+    bound: GaussianProcessImplicitSurface,
+) -> GaussianProcessImplicitSurface:
+    """Return the free process with one of the choices; `bound` is `gpis` of the contacts."""
+    if choice is None:
+        return bound
     factor, stretch = choice
     return GaussianProcessImplicitSurface.from_contacts(
         prepared, length=factor * prepared.scale, stretch=stretch, **_SETTINGS

@@ -124,7 +124,7 @@ def test_log_ratios_are_those_of_cross_validation_errors() -> None:
     found = [[] for _ in places.nodes]
     for i, place in enumerate(places.place):
         left_out = places.place % 5 == place % 5
-        values, gradients = surface.smooth.leave_groups_out(left_out.astype(np.intp))
+        values, gradients = surface.smooth.free.leave_groups_out(left_out.astype(np.intp))
         sharp = surface.sharp.without(left_out)
         errors = []
         point, normal = contacts.points[i], contacts.normals[i]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 from analytic_surfaces import differences
 from random_directions import random_directions
 
@@ -86,15 +87,20 @@ def test_far_from_every_contact_is_outside() -> None:
         assert (surface.evaluate(distance * directions) > 0.0).all()
 
 
-def test_a_blend_takes_the_smooth_estimate_for_shapes_without_edges_only() -> None:
-    box = shapes.build("box", 0.2).mesh
-    chosen = np.random.default_rng(0).permutation(len(box.faces))[:60]
-    sharp = Contacts(box.triangles_center[chosen], box.face_normals[chosen])
-    for contacts, kind in (
-        (ellipsoid_contacts((0.1, 0.05, 0.04), 30), SmoothImplicitSurface),
-        (sharp, GaussianProcessImplicitSurface),
-    ):
-        assert type(BlendedImplicitSurface.from_contacts(contacts).smooth) is kind
+def test_the_estimate_is_gpis_where_that_predicts_left_out_places_better() -> None:
+    smooth = SmoothImplicitSurface.from_contacts(ellipsoid_contacts((0.1, 0.05, 0.04), 30))
+    assert smooth.free is not smooth.bound
+    torus, rng = shapes.build("torus", 0.2).mesh, np.random.default_rng(0)
+    exact, faces = trimesh.sample.sample_surface(torus, 30, seed=0)
+    normals = torus.face_normals[faces] + rng.normal(0.0, 0.1, (30, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    contacts = Contacts(exact + rng.normal(0.0, 0.003, (30, 3)), normals)
+    noise = {"position_noise": 0.003, "normal_noise": 0.1}
+    surface = SmoothImplicitSurface.from_contacts(contacts, **noise)
+    plain = GaussianProcessImplicitSurface.from_contacts(contacts, **noise)
+    points = rng.uniform(-0.15, 0.15, (50, 3))
+    np.testing.assert_array_equal(surface.evaluate(points), plain.evaluate(points))
+    np.testing.assert_array_equal(surface.uncertainty(points), plain.uncertainty(points))
 
 
 def test_the_uncertainty_covers_the_difference_of_the_processes_and_is_never_zero() -> None:
