@@ -11,8 +11,8 @@ from lis_grasp.io.json_lines import Row
 from lis_grasp_studies.evaluation.configuration import Configuration
 from lis_grasp_studies.evaluation.page import fill_template
 from lis_grasp_studies.evaluation.results import EvaluationResults
+from lis_grasp_studies.harness.parquet import read_parquet
 from lis_grasp_studies.harness.tables import split
-from lis_grasp_studies.study.results import read_parquet
 
 pytestmark = pytest.mark.experiments
 

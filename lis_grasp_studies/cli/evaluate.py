@@ -91,8 +91,8 @@ def execute(options: argparse.Namespace) -> None:
     from lis_grasp_studies.evaluation.configuration import SHIPPED, Configuration
     from lis_grasp_studies.evaluation.page import fill_template, state_of, write_results
     from lis_grasp_studies.evaluation.results import EvaluationResults
+    from lis_grasp_studies.harness.parquet import read_parquet
     from lis_grasp_studies.harness.tables import split
-    from lis_grasp_studies.study.results import read_parquet
 
     require_packages("pyarrow", "statsmodels", extra="study", option="evaluate")
     if options.quick and options.config is not None:

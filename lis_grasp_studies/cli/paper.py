@@ -71,7 +71,7 @@ def execute(options: argparse.Namespace) -> None:
     options.until_end.enter_context(sole_writer(output))
     names = _estimators(options)
     results = TrialResults(output / "results.jsonl", PAPER.kind)
-    trials = paper_trials(EXPERIMENTS, seeds)
+    trials = paper_trials(EXPERIMENTS, range(seeds))
     with Stage("Running the experiments") as stage:
         for done, total in PAPER.run_missing(trials, names, results, scheduler):
             stage.count(done, total)

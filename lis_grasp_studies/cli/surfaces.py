@@ -102,7 +102,7 @@ def execute(options: argparse.Namespace) -> None:
     output = options.output or _OUTPUT
     options.until_end.enter_context(sole_writer(output))
     results = TrialResults(output / "results.jsonl", SURFACES.kind)
-    trials = surface_trials(shapes, CASES, part=part, seeds=options.seeds, box=options.box)
+    trials = surface_trials(shapes, part=part, seeds=range(options.seeds), box=options.box)
     made = (*names, TRUTH)
     with Stage("Running the trials") as stage:
         for done, total in SURFACES.run_missing(trials, made, results, scheduler):

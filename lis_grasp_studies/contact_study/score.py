@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -25,6 +25,7 @@ from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.contact_places import ContactPlaces, box_of
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.contact_study.contact_sets import (
+    CASES,
     ContactCase,
     ContactSet,
     balanced,
@@ -209,11 +210,11 @@ class SurfaceTrial:
 
 
 def surface_trials(
-    shapes: Sequence[str], cases: Sequence[ContactCase], *, part: int, seeds: int, box: Box
+    shapes: Sequence[str], *, part: int, seeds: Iterable[int], box: Box
 ) -> list[SurfaceTrial]:
     """Return the trials of some shapes: each meets one case of `part`, the same for every seed."""
-    pairs = balanced(shapes, cases, part)
-    return [SurfaceTrial(shape, case, seed, box) for seed in range(seeds) for shape, case in pairs]
+    pairs = balanced(shapes, CASES, part)
+    return [SurfaceTrial(shape, case, seed, box) for seed in seeds for shape, case in pairs]
 
 
 def score_trial(trial: SurfaceTrial, estimator: str) -> Row:

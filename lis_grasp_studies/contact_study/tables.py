@@ -175,9 +175,9 @@ def by_object_table(ratios: Sequence[ErrorRatio], estimators: Sequence[str]) -> 
     return grouped_table("by_object", title, "object | family", groups, columns)
 
 
-def losses_table(ratios: Sequence[ErrorRatio], estimator: str) -> Table:
+def losses_table(ratios: Sequence[ErrorRatio], estimator: str, *, above: float = LOSS) -> Table:
     """Return every set on which one estimator has a larger error than the reference."""
-    lost = [ratio for ratio in ratios if ratio.estimator == estimator and ratio.worst > LOSS]
+    lost = [ratio for ratio in ratios if ratio.estimator == estimator and ratio.worst > above]
     lines = tuple(
         (
             *(ratio.object, ratio.family, ratio.case, str(ratio.seed)),
@@ -187,7 +187,8 @@ def losses_table(ratios: Sequence[ErrorRatio], estimator: str) -> Table:
         for ratio in sorted(lost, key=lambda ratio: -ratio.worst)
     )
     head = ("object", "family", "contacts", "seed", "truth to estimate", "estimate to truth", "")
-    return Table("losses", f"Losses of {estimator}, the largest first", head, lines)
+    title = f"Losses of {estimator}, the largest first"
+    return Table("losses", title if above == LOSS else f"{title}, above {above}", head, lines)
 
 
 def calibration_table(rows: Sequence[Row], estimators: Sequence[str]) -> Table:

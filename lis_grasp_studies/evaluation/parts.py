@@ -60,8 +60,7 @@ class PaperPart(SeedsPart):
 
     def trials(self, seed: int, places: Places) -> Iterator[Any]:
         """Yield the trials of a seed."""
-        trials = paper_trials(self.experiments, 1)
-        yield from (replace(trial, seed=seed) for trial in trials)
+        yield from paper_trials(self.experiments, [seed])
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return the losses to GPIS, mean errors and the claims of the paper."""
@@ -97,7 +96,7 @@ class PaperPart(SeedsPart):
         A stop in the first round leaves one that has not.
         """
         first = Counter(row["experiment"] for row in rows if row["seed"] == self.seeds[0])
-        wanted = Counter(trial.experiment for trial in paper_trials(self.experiments, 1))
+        wanted = Counter(trial.experiment for trial in paper_trials(self.experiments, [0]))
         there = [n for n in self.experiments if first[n] == len(self.variants) * wanted[n]]
         return [row for row in rows if row["experiment"] in there], there
 
@@ -132,17 +131,15 @@ class SurfacesPart(SeedsPart):
     def trials(self, seed: int, places: Places) -> Iterator[Any]:
         """Yield the trials of a seed; each object meets one case of `part`."""
         names = places.find([*(n for _, n in interleaved(self.objects)), *self.scans])
-        trials = surface_trials(names, CASES, part=self.part, seeds=1, box=self.box)
-        yield from (replace(trial, seed=seed) for trial in trials)
+        yield from surface_trials(names, part=self.part, seeds=[seed], box=self.box)
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return the losses, the ratios by family, errors and calibration."""
         ratios = [r for r in error_ratios(rows, REFERENCE) if r.estimator != TRUTH]
-        lost, families = losses_table(ratios, SUBJECT), by_family_table(ratios, SUBJECT)
-        large = tuple(line for line in lost.body if max(map(float, line[4:6])) > WORST)
+        families = by_family_table(ratios, SUBJECT)
         whole = tuple(line for line in families.body if line[1] == ALL)
         return [
-            replace(lost, title=f"{lost.title}, above {WORST}", body=large),
+            losses_table(ratios, SUBJECT, above=WORST),
             replace(families, body=whole),
             error_table(rows, self.variants),
             calibration_table(rows, [SUBJECT, REFERENCE]),

@@ -11,15 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import Row
 from lis_grasp.io.schemas import FileRecord, Number, checked
 from lis_grasp.version import __version__
 from lis_grasp_studies.evaluation.configuration import Configuration, measure_part
 from lis_grasp_studies.evaluation.part import Places
+from lis_grasp_studies.harness.parquet import read_parquet, write_parquet
 from lis_grasp_studies.harness.rows import Job, TrialResults
 from lis_grasp_studies.harness.runner import Scheduler, run_trials
-from lis_grasp_studies.study.results import pyarrow_modules, read_parquet
 
 
 class _Row(FileRecord):
@@ -59,16 +58,6 @@ class EvaluationResults:
         """Write the rows of each part as a Parquet file named after it."""
         for name, part in rows.items():
             write_parquet(self.folder / "rows" / f"{name}.parquet", part)
-
-
-def write_parquet(path: Path, rows: Sequence[Row]) -> None:
-    """Write rows as a Parquet file with all columns that occur."""
-    arrow, parquet = pyarrow_modules()
-    names = dict.fromkeys(name for row in rows for name in row)
-    table = arrow.table({name: [row.get(name) for row in rows] for name in names})
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as temporary:
-        parquet.write_table(table, temporary, compression="zstd")
 
 
 @dataclass(slots=True)

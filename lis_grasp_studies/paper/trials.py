@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Literal, get_args
@@ -152,12 +152,12 @@ def explored(name: str, seed: int) -> tuple[Shape, SurfaceWalk]:
     return shape, walk_surface(shape, rng=np.random.default_rng([_WALK, index, seed]))
 
 
-def paper_trials(experiments: Sequence[PaperExperiment], seeds: int) -> list[PaperTrial]:
+def paper_trials(experiments: Sequence[PaperExperiment], seeds: Iterable[int]) -> list[PaperTrial]:
     """Return every trial of some experiments, seed by seed, so that an early stop is balanced."""
     levels = [str(level) for level in range(len(NOISE_LEVELS))]
     return [
         PaperTrial(experiment, name, seed)
-        for seed in range(seeds)
+        for seed in seeds
         for experiment in experiments
         for name in (levels if experiment == "wedge" else shapes.NAMES)
     ]

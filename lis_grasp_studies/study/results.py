@@ -6,18 +6,16 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from pydantic import Field, create_model
 
 from lis_grasp import version
-from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, needed_package, shown
-from lis_grasp.io.atomic_writing import whole_file
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, shown
 from lis_grasp.io.json_lines import Row
-from lis_grasp.io.limits import MEBIBYTE
 from lis_grasp.io.schemas import FileRecord, Number, checked
 from lis_grasp.robots.shipped_models import READY_HANDS
+from lis_grasp_studies.harness.parquet import read_parquet, write_parquet
 from lis_grasp_studies.harness.rows import Job, TrialResults, missing_jobs
 from lis_grasp_studies.study.columns import COLUMNS, MACHINE, TIMES
 from lis_grasp_studies.study.study import Study
@@ -67,7 +65,6 @@ StudyRow = create_model(
 """A row of this version: all columns but times, each of its type or None."""
 
 _MADE_AGAIN = "remove it, and its rows are made again"
-_MOST_BYTES = 2048 * MEBIBYTE  # of rows.parquet, unpacked
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,10 +89,7 @@ class StudyResults:
 
     def write_merged(self) -> Path:
         """Write all rows as one file, ``rows.parquet``, and return its path."""
-        arrow, parquet = pyarrow_modules()
-        table = arrow.Table.from_pylist(self.read(), schema=_schema(arrow))
-        with whole_file(self.merged) as temporary:
-            parquet.write_table(table, temporary, compression="zstd")
+        write_parquet(self.merged, self.read())
         return self.merged
 
     def read(self, *, any_version: bool = False) -> list[Row]:
@@ -176,23 +170,6 @@ class StudyResults:
         return [found[place] for place in sorted(found)]
 
 
-def read_parquet(path: Path, advice: str = "restore it from a copy") -> list[Row]:
-    """Return the rows of a Parquet file; raise `InvalidFileError` if it cannot be read."""
-    _, parquet = pyarrow_modules()
-    try:
-        # ParquetFile and not read_table: a file alone, no data set around it.
-        file = parquet.ParquetFile(path)
-        groups = map(file.metadata.row_group, range(file.metadata.num_row_groups))
-        if sum(group.total_byte_size for group in groups) > _MOST_BYTES:
-            raise ValueError(f"it unpacks to more than {_MOST_BYTES // MEBIBYTE} MiB")
-        rows: list[Row] = file.read().to_pylist()
-    # Damaged files raise errors of Arrow, of the system and of several built-in types.
-    except Exception as error:  # noqa: BLE001
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InvalidFileError(f"cannot read {path}: {reason}; {advice}", path=path) from None
-    return rows
-
-
 def job_of(row: Row, files: Iterable[str] = ()) -> Job:
     """Return the job that makes a recorded row again.
 
@@ -244,17 +221,3 @@ def _settings(row: Row) -> Row:
 def without_times(row: Row) -> Row:
     """Return what equal trials have in common: all columns but times and versions."""
     return {name: value for name, value in row.items() if name not in (*TIMES, MACHINE)}
-
-
-def _schema(arrow: ModuleType) -> Any:
-    """Return the types of all columns."""
-    types = {int: arrow.int64(), bool: arrow.bool_(), str: arrow.string(), float: arrow.float64()}
-    return arrow.schema([(name, types[column_type(name)]) for name in COLUMNS])
-
-
-def pyarrow_modules() -> tuple[ModuleType, ModuleType]:
-    """Return pyarrow and its module for Parquet files."""
-    with needed_package("pyarrow", "study"):
-        import pyarrow
-        from pyarrow import parquet
-    return pyarrow, parquet

@@ -33,8 +33,8 @@ from lis_grasp.pipeline.run_scene import scene_of
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.visualization._drawing import OBJECT_NODE, Canvas, animate
 from lis_grasp.visualization.hand_layers import draw_motion
+from lis_grasp_studies.harness.parquet import read_parquet
 from lis_grasp_studies.harness.rows import TrialResults
-from lis_grasp_studies.study.results import read_parquet
 
 NEEDS_STUDY = pytest.mark.skipif(find_spec("pyarrow") is None, reason="needs lis-grasp[study]")
 CUBE_AXES = np.vstack([np.eye(3), -np.eye(3)])

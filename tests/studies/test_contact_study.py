@@ -100,7 +100,7 @@ def test_the_clipped_truth_has_no_errors_but_those_of_the_box() -> None:
     # Even samples of two meshes of one surface; distances are exact.
     assert whole.truth_to_estimate < 1e-9
     assert whole.estimate_to_truth < 1e-9
-    assert clipped.truth_to_estimate > 0.002
+    assert clipped.truth_to_estimate > 0.001  # the box ends within the plate
 
 
 def test_the_chosen_settings_were_searched() -> None:

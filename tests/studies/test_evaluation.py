@@ -32,8 +32,9 @@ from lis_grasp_studies.evaluation.grasp_tables import (
 )
 from lis_grasp_studies.evaluation.grasps import GraspTrial, measure_grasps
 from lis_grasp_studies.evaluation.part import Places, SeedsPart, interleaved
-from lis_grasp_studies.evaluation.results import Evaluation, EvaluationResults, read_parquet
+from lis_grasp_studies.evaluation.results import Evaluation, EvaluationResults
 from lis_grasp_studies.harness.experiment import Experiment
+from lis_grasp_studies.harness.parquet import read_parquet
 from lis_grasp_studies.harness.rows import Job
 from lis_grasp_studies.harness.runner import InProcess
 from lis_grasp_studies.harness.tables import Table

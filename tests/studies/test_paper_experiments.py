@@ -85,7 +85,7 @@ def test_experiments_of_one_object_and_seed_share_the_walk() -> None:
 
 
 def test_every_trial_is_listed_once_and_seed_by_seed() -> None:
-    listed = paper_trials(["whole", "wedge"], 3)
+    listed = paper_trials(["whole", "wedge"], range(3))
     assert len(listed) == len(set(listed)) == 3 * (len(shapes.NAMES) + len(NOISE_LEVELS))
     assert [trial.seed for trial in listed] == sorted(trial.seed for trial in listed)
 
