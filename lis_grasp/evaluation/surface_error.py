@@ -28,6 +28,9 @@ from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 SAMPLES = 10_000
 """Points on each surface, and along all edges."""
 
+# Steps of the golden sequence in two dimensions (Roberts 2018, "R2"): 1/g, 1/g^2, g^3 = g + 1.
+_STEP = np.array([0.7548776662466927, 0.5698402909980532])
+
 
 @dataclass(frozen=True, slots=True)
 class SurfaceError(Record):
@@ -200,10 +203,6 @@ def _intersection_over_union(estimate: trimesh.Trimesh, truth: trimesh.Trimesh) 
 
 def _root_mean_square(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-# Steps of the golden sequence in two dimensions (Roberts 2018, "R2"): 1/g, 1/g^2, g^3 = g + 1.
-_STEP = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 def sample_mesh(mesh: trimesh.Trimesh, count: int) -> tuple[FloatArray, IndexArray]:

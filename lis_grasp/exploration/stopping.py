@@ -21,6 +21,12 @@ from lis_grasp.typing import FloatArray
 StopRule = Callable[[Contacts, ImplicitSurface, Sequence[ProbeOutcome]], "str | None"]
 """Returns the reason to stop, or None to continue, from contacts, estimate and outcomes."""
 
+# Contacts from which a grasp is planned, and after how many more another one.
+_FEW, _EVERY = 10, 2
+_NONE_PLANNED = _FEW - _EVERY
+# Quantile of the surface that has to be certain: the rest is extrapolated out of the workspace.
+_CERTAIN_QUANTILE = 0.95
+
 
 @runtime_checkable
 class StopRuleWithMemory(Protocol):
@@ -33,13 +39,6 @@ class StopRuleWithMemory(Protocol):
 
     def noted(self, contacts: Contacts, surface: ImplicitSurface, /) -> StopRule:
         """Return the rule after another estimate; called once for each, before the check."""
-
-
-# Contacts from which a grasp is planned, and after how many more another one.
-_FEW, _EVERY = 10, 2
-_NONE_PLANNED = _FEW - _EVERY
-# Quantile of the surface that has to be certain: the rest is extrapolated out of the workspace.
-_CERTAIN_QUANTILE = 0.95
 
 
 def stop_when_covered(fraction: float, space: Workspace | Region) -> StopRule:

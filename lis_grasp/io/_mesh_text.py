@@ -20,6 +20,29 @@ from lis_grasp.typing import FloatArray, IntArray
 # Areas below this fraction of a polygon's are rounding.
 _ROUNDING = 1e-6
 
+# Of OBJ: a line of a face but of three corners, all v, v/vt, v//vn or v/vt/vn, from the start of
+# the file; a line that goes on in the next; another separator than blanks.
+_OBJ_PLAIN = rb"f(?:(?: +N){3}|(?: +N/(?:N)?){3}|(?: +N//(?:N)?){3}|(?: +N/N/(?:N)?){3})".replace(
+    b"N", rb"[1-9]\d*"
+)
+_OBJ_ODD = re.compile(
+    rb"^(?=[ \t]*f[ \t])(?!" + _OBJ_PLAIN + rb" *\r?$)|\\[ \t]*\r?$|^[ \t]*v[nt]?\t", re.MULTILINE
+)
+_OBJ_WORDS = re.compile(
+    rb"^[ \t]*v[ \t](?![-+.\deinaf \t]*(?:#.*|\\[ \t]*)?$).*", re.MULTILINE | re.IGNORECASE
+)
+_OBJ_FACE = re.compile(rb"^f ", re.MULTILINE)
+_INTEGER = re.compile(r"[-+]?\d{1,18}")
+_OFF_START = re.compile(r"(?:ST)?C?N?OFF\b", re.IGNORECASE)
+_STL_NAME = re.compile(rb"^[ \t]*(?:end)?solid\b[^\r\n]*", re.IGNORECASE | re.MULTILINE)
+_STL_VERTEX = re.compile(rb"\bvertex\s+(\S{1,40})\s+(\S{1,40})\s+(\S{1,40})(?!\S)", re.IGNORECASE)
+_STL_EXPONENT = re.compile(rb"(\d)d([-+]?\d)", re.IGNORECASE)  # Fortran writes 1.0D-02
+_STL_FACET = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)
+_STL_FACET_END = re.compile(rb"\bend\s*facet\b", re.IGNORECASE)
+_STL_ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_STL_NAMED = 1000  # bytes in which the first facet of a text comes
+_STL_START = 84  # bytes before the first triangle, the last four of them the count
+
 
 def triangulate(vertices: FloatArray, polygons: Sequence[Sequence[int]]) -> list[IntArray]:
     """Return the triangles (K, 3) of each polygon, as numbers of its corners.
@@ -79,29 +102,6 @@ def as_triangles(vertices: FloatArray, polygons: Sequence[Sequence[int]]) -> Int
 
 
 Triangles = tuple[FloatArray, IntArray]
-
-# Of OBJ: a line of a face but of three corners, all v, v/vt, v//vn or v/vt/vn, from the start of
-# the file; a line that goes on in the next; another separator than blanks.
-_OBJ_PLAIN = rb"f(?:(?: +N){3}|(?: +N/(?:N)?){3}|(?: +N//(?:N)?){3}|(?: +N/N/(?:N)?){3})".replace(
-    b"N", rb"[1-9]\d*"
-)
-_OBJ_ODD = re.compile(
-    rb"^(?=[ \t]*f[ \t])(?!" + _OBJ_PLAIN + rb" *\r?$)|\\[ \t]*\r?$|^[ \t]*v[nt]?\t", re.MULTILINE
-)
-_OBJ_WORDS = re.compile(
-    rb"^[ \t]*v[ \t](?![-+.\deinaf \t]*(?:#.*|\\[ \t]*)?$).*", re.MULTILINE | re.IGNORECASE
-)
-_OBJ_FACE = re.compile(rb"^f ", re.MULTILINE)
-_INTEGER = re.compile(r"[-+]?\d{1,18}")
-_OFF_START = re.compile(r"(?:ST)?C?N?OFF\b", re.IGNORECASE)
-_STL_NAME = re.compile(rb"^[ \t]*(?:end)?solid\b[^\r\n]*", re.IGNORECASE | re.MULTILINE)
-_STL_VERTEX = re.compile(rb"\bvertex\s+(\S{1,40})\s+(\S{1,40})\s+(\S{1,40})(?!\S)", re.IGNORECASE)
-_STL_EXPONENT = re.compile(rb"(\d)d([-+]?\d)", re.IGNORECASE)  # Fortran writes 1.0D-02
-_STL_FACET = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)
-_STL_FACET_END = re.compile(rb"\bend\s*facet\b", re.IGNORECASE)
-_STL_ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_STL_NAMED = 1000  # bytes in which the first facet of a text comes
-_STL_START = 84  # bytes before the first triangle, the last four of them the count
 
 
 def plain_obj(content: bytes) -> tuple[bytes, int]:

@@ -17,6 +17,14 @@ from lis_grasp.typing import FloatArray
 # Time [s] -> displacement (6,) and its rate (6,): x, y, z [m], roll, pitch, yaw [rad], in W.
 WristPath = Callable[[float], tuple[FloatArray, FloatArray]]
 
+# Newton steps a sample; two suffice from the sample before.
+_NEWTON_STEPS = 3
+# A sample this near its pose [m, and rad] is exact; one this far has none: it is out of reach.
+_EXACT = 1e-9
+_TOLERANCE = 1e-5
+# Regularisation of the pseudoinverse, as a fraction of the squared singular values [1].
+_DAMPING = 1e-6
+
 
 def rest_at(place: FloatArray) -> WristPath:
     """Return a path that stays at a displacement, shape (6,)."""
@@ -82,15 +90,6 @@ def _unit_shake_acceleration(cycles: int) -> float:
     turns = np.linspace(0.0, cycles, 2000 * cycles + 1)
     velocity = np.array([_unit_shake(float(u), cycles)[1] for u in turns])
     return float(np.abs(np.gradient(velocity, turns)).max())
-
-
-# Newton steps a sample; two suffice from the sample before.
-_NEWTON_STEPS = 3
-# A sample this near its pose [m, and rad] is exact; one this far has none: it is out of reach.
-_EXACT = 1e-9
-_TOLERANCE = 1e-5
-# Regularisation of the pseudoinverse, as a fraction of the squared singular values [1].
-_DAMPING = 1e-6
 
 
 class PalmJacobian(Protocol):

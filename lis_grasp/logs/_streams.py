@@ -27,6 +27,18 @@ LONGEST_GAP = 0.25
 _FARTHEST = 1e7  # [m]
 _UNIT_TOLERANCE = 0.1
 
+_FORCES = (("fx", "fy", "fz"), ("force",))
+_POSES = {
+    "tip": (("x", "y", "z"), ("qx", "qy", "qz", "qw")),
+    "object": (("ox", "oy", "oz"), ("oqx", "oqy", "oqz", "oqw")),
+}
+_COLUMNS = {"time", *chain.from_iterable((*_FORCES, *chain.from_iterable(_POSES.values())))}
+# Columns of a bag as PlotJuggler and others write them: /ft/wrench/force/x, pose.position.x.
+_OF_BAG = re.compile(r"(?:.*[./])?(force|position|orientation)[./_]([xyzw])")
+_OF_BAG_NAMES = {"force": "f", "position": "", "orientation": "q"}
+_OTHERS = {"velocity", "effort"}  # of joints
+_LEAST_STEP = 1e-4  # [s], of a log in the right unit
+
 
 @dataclass(frozen=True, slots=True)
 class Topic:
@@ -172,19 +184,6 @@ class FrameTree:
                 step = inverse_pose(self.transforms[(after, before)].at(times))
             poses = poses @ step
         return poses
-
-
-_FORCES = (("fx", "fy", "fz"), ("force",))
-_POSES = {
-    "tip": (("x", "y", "z"), ("qx", "qy", "qz", "qw")),
-    "object": (("ox", "oy", "oz"), ("oqx", "oqy", "oqz", "oqw")),
-}
-_COLUMNS = {"time", *chain.from_iterable((*_FORCES, *chain.from_iterable(_POSES.values())))}
-# Columns of a bag as PlotJuggler and others write them: /ft/wrench/force/x, pose.position.x.
-_OF_BAG = re.compile(r"(?:.*[./])?(force|position|orientation)[./_]([xyzw])")
-_OF_BAG_NAMES = {"force": "f", "position": "", "orientation": "q"}
-_OTHERS = {"velocity", "effort"}  # of joints
-_LEAST_STEP = 1e-4  # [s], of a log in the right unit
 
 
 class CsvLog:

@@ -32,6 +32,34 @@ _IN_FILES: dict[Any, Any] = {
     tuple[float, ...]: Vector,
 }
 
+LOG = "touches.jsonl"
+"""The touch log of an exploration."""
+
+# Files of each stage, in order; each stage reads the files of the earlier ones.
+_STAGES = (
+    ("contacts.ply",),
+    ("surface.ply",),
+    ("grasps.json",),
+    (
+        "grasps.isaac.yaml",
+        "grasps.moveit.yaml",
+        "motion.npz",
+        "lifts.json",
+        "labels.jsonl",
+        "grasps.parquet",
+        "report.json",
+        "scene.html",
+    ),
+)
+
+# Files whose content shows that this package wrote them.
+_RECOGNISED = ("contacts.ply", "surface.ply", "grasps.json", "report.json")
+
+# Every folder's name has these; other options only where they differ from their defaults.
+_NAMED = ("object", "hand", "estimator", "seed")
+# Longest part of a folder's name; a file's name is limited to 255 bytes.
+_LONGEST_PART = 40
+
 
 def _in_file(hint: Any) -> Any:
     """Return the type in a file; null is permitted where None is."""
@@ -87,35 +115,6 @@ def located(facts: dict[str, Any], folder: Path) -> dict[str, Any]:
             found = (str(outer / path) for outer in around if os.path.isfile(outer / path))
             facts = facts | {name: next(found, facts[name])}
     return facts
-
-
-LOG = "touches.jsonl"
-"""The touch log of an exploration."""
-
-# Files of each stage, in order; each stage reads the files of the earlier ones.
-_STAGES = (
-    ("contacts.ply",),
-    ("surface.ply",),
-    ("grasps.json",),
-    (
-        "grasps.isaac.yaml",
-        "grasps.moveit.yaml",
-        "motion.npz",
-        "lifts.json",
-        "labels.jsonl",
-        "grasps.parquet",
-        "report.json",
-        "scene.html",
-    ),
-)
-
-# Files whose content shows that this package wrote them.
-_RECOGNISED = ("contacts.ply", "surface.ply", "grasps.json", "report.json")
-
-# Every folder's name has these; other options only where they differ from their defaults.
-_NAMED = ("object", "hand", "estimator", "seed")
-# Longest part of a folder's name; a file's name is limited to 255 bytes.
-_LONGEST_PART = 40
 
 
 def results_folder(config: RunConfig, named: Path | str | None) -> Path:

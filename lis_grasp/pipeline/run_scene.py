@@ -33,6 +33,8 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.visualization.scene import Scene
 from lis_grasp.visualization.scene_server import LOCALHOST, SCENE_FILE, serve_scene
 
+_SERVE = "from lis_grasp.pipeline.run_scene import _serve; _serve()"
+
 
 def write_scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Path:
     """Write scene.html from the results in a folder, and return its path; see `scene_of`."""
@@ -146,9 +148,6 @@ def _touches(
         for touch in replayed.touches
     ]
     return [*shown, *[None] * (len(contacts) - count)]
-
-
-_SERVE = "from lis_grasp.pipeline.run_scene import _serve; _serve()"
 
 
 def follow(folder: Path, *, port: int = 0, host: str = LOCALHOST) -> None:

@@ -38,6 +38,13 @@ _ARM_ERROR = 0.003
 
 NO_ARM_TRANSIT = "the arm has no collision-free path from its home to the approach"
 
+# The leading fingertip of an approach begins at the ball that contains the object: transits keep
+# off a ball that is smaller by these [m], and where the hand begins inside, by fractions of it.
+_INSIDE = (0.015, 0.03)
+_FRACTIONS = (0.6, 0.3)
+# The same transit is planned for the same probe.
+_SEED = 0
+
 
 class ProbePlanner:
     """Plans probes of a hand, free or on the arm of a station, in what is known of the object.
@@ -112,14 +119,6 @@ class ProbePlanner:
             return np.inf
         lowest = float(self._checker.lowest(approach.X_OH @ self._poses[approach.posture.finger]))
         return max(lowest - height, 0.0) / -float(probe.direction[2])
-
-
-# The leading fingertip of an approach begins at the ball that contains the object: transits keep
-# off a ball that is smaller by these [m], and where the hand begins inside, by fractions of it.
-_INSIDE = (0.015, 0.03)
-_FRACTIONS = (0.6, 0.3)
-# The same transit is planned for the same probe.
-_SEED = 0
 
 
 def transit_radii(space: Workspace) -> list[float]:

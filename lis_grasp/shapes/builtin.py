@@ -23,6 +23,9 @@ from lis_grasp.typing import FloatArray, IntArray
 Patch = tuple[FloatArray, IntArray]
 """Vertices (V, 3) and faces (F, 3) of a part of a surface."""
 
+PAPER_SIZE = 0.20
+"""Largest extent of the paper's objects [m]."""
+
 
 def circle(radius: float, count: int, *, start: float = 0.0) -> FloatArray:
     """Return `count` points of a circle about the origin, counterclockwise from `start` [rad]."""
@@ -139,10 +142,6 @@ def join(patches: list[Patch]) -> trimesh.Trimesh:
     )
     mesh.merge_vertices()
     return mesh
-
-
-PAPER_SIZE = 0.20
-"""Largest extent of the paper's objects [m]."""
 
 
 def box(size: float = PAPER_SIZE) -> Shape:

@@ -8,6 +8,9 @@ import trimesh
 
 from lis_grasp.typing import FloatArray, IndexArray, IntArray
 
+# Areas and volumes below this fraction of their largest terms have no certain sign.
+_ROUNDING = 1e-12
+
 
 def distances_to_mesh(points: FloatArray, mesh: trimesh.Trimesh) -> tuple[FloatArray, IndexArray]:
     """Return the distance of each point to the nearest point of a mesh, and the triangle it is on.
@@ -51,10 +54,6 @@ class MeshTree:
         """Return squared distances (P,) of points (P, 3), triangles (P,), nearest points (P, 3)."""
         points = np.ascontiguousarray(points, dtype=np.float64)
         return self._tree.squared_distance(*self._arrays, points)  # type: ignore[no-any-return]
-
-
-# Areas and volumes below this fraction of their largest terms have no certain sign.
-_ROUNDING = 1e-12
 
 
 def winding_numbers(points: FloatArray, vertices: FloatArray, faces: IntArray) -> FloatArray:

@@ -42,6 +42,11 @@ GRASP_COLOURS = (LINK_COLOUR, "#c9792f", "#8a5fbf", "#b8577f", "#7d6a4c")
 # Moments of a lift that frame the camera; bodies move little between two of them.
 _MOMENTS = 25
 
+AXIS_COLOURS = ("#d64545", "#3f9b50", "#3d6fd6")
+PAD_MARK, TIP_MARK = "#f2912c", "#b04fc4"
+_AXIS_LENGTH, _AXIS_RADIUS = 0.05, 0.0012  # [m]
+_MARK = 0.004  # radius of the mark of a flat pad [m]
+
 
 def draw_hand(canvas: Canvas, hand: Hand, station: Station | None = None) -> None:
     """Draw the hand's links, each at its own node; the page copies and places them.
@@ -191,11 +196,6 @@ def _note(grasp: Grasp) -> str:
 
 if TYPE_CHECKING:
     from lis_grasp.robots.hand import Hand
-
-AXIS_COLOURS = ("#d64545", "#3f9b50", "#3d6fd6")
-PAD_MARK, TIP_MARK = "#f2912c", "#b04fc4"
-_AXIS_LENGTH, _AXIS_RADIUS = 0.05, 0.0012  # [m]
-_MARK = 0.004  # radius of the mark of a flat pad [m]
 
 
 def hand_page(hand: Hand, *, summary: tuple[str, ...] = ()) -> str:

@@ -10,6 +10,7 @@ import pytest
 
 from lis_grasp import Hand, RunConfig, pipeline, shapes
 from lis_grasp.exceptions import InvalidHandError, InvalidInputError, InvalidOptionError
+from lis_grasp.pipeline import regrasp
 from lis_grasp.pipeline.option import options_of
 from lis_grasp.pipeline.scenario import workspace
 
@@ -95,3 +96,7 @@ def test_numbers_of_a_stage_on_files_are_checked(tmp_path: Path) -> None:
         pipeline.grasp_file(tmp_path / "box.stl", support=np.nan)
     with pytest.raises(InvalidOptionError, match="records no object"):
         pipeline.lift_file(grasps)
+
+
+def test_the_help_of_grasps_says_how_many_follow_a_failure() -> None:
+    assert f", {regrasp._MORE_GRASPS} after one failed" in options_of(RunConfig)["grasps"].help

@@ -35,6 +35,9 @@ from lis_grasp.simulation.drake.link_plant import LinksInPlant, add_links, add_s
 from lis_grasp.simulation.drake.object_plant import spatial_inertia
 from lis_grasp.typing import FloatArray
 
+# A joint that is at its limit for so long [s] no longer follows.
+_SATURATED = 0.05
+
 
 class ArmDynamics:
     """Inverse dynamics and the palm's kinematics of an arm with a hand, as its controller has them.
@@ -181,10 +184,6 @@ def _add_arm_links(plant: MultibodyPlant, arm: Arm, X_WA: FloatArray) -> LinksIn
         actuator.set_default_rotor_inertia(arm.rotor_inertias[j])
         actuator.set_default_gear_ratio(1.0)
     return links
-
-
-# A joint that is at its limit for so long [s] no longer follows.
-_SATURATED = 0.05
 
 
 class ArmWatch:

@@ -46,6 +46,9 @@ _PathOf = Callable[[Arm, Course, float, float], JointTrajectory]
 ARM_STOPPED = "the arm stopped"
 GRAZED = "a link grazed the object below the force threshold"
 
+# Time before and after a touch in which the fingertip is within millimetres of the object [s].
+_GRAZING = 0.2
+
 
 class DynamicProber:
     """Probes with the whole hand in Drake; every link can touch.
@@ -210,10 +213,6 @@ class DynamicProber:
         """Return the largest displacement of a point of the object from an earlier pose [m]."""
         before, now = (apply_pose(X, self._hull) for X in (X_EO, self._X_EO))
         return float(np.linalg.norm(now - before, axis=1).max())
-
-
-# Time before and after a touch in which the fingertip is within millimetres of the object [s].
-_GRAZING = 0.2
 
 
 class TransitScene:

@@ -34,6 +34,20 @@ _FREQUENCY = 40.0
 # Radius of gyration of a hand about its base link's frame [m].
 _GYRATION = 0.07
 
+PROBING_SKIN = 1e6
+"""Hydroelastic modulus of the skin while probing [Pa].
+
+A spherical tip pressed in by d needs F = pi E d^2: 0.2 N press it in by 0.25 mm, more than the
+0.2 mm of a simulation step.
+"""
+LIFTING_SKIN = 1e7
+"""While lifting, the skin is as firm as rubber [Pa]: 5 N press it in by 0.4 mm."""
+
+_STIFFNESS = {"revolute": 5.0, "prismatic": 5_000.0}  # [N m/rad], [N/m]
+_DAMPING = {"revolute": 0.1, "prismatic": 50.0}  # [N m s/rad], [N s/m]
+_COMPLIANCE = ("hydroelastic", "compliance_type")  # Drake's name of the property
+_NAMED = 4  # of the parts that a found hand lacks, so many are named
+
 
 class PdWrist(LeafSystem):
     """Pulls a floating body of a mass [kg] to a desired pose: a critically damped spring.
@@ -65,21 +79,6 @@ class PdWrist(LeafSystem):
         force.body_index = self._body
         force.F_Bq_W = SpatialForce(tau=pull[:3], f=pull[3:])
         output.set_value([force])
-
-
-PROBING_SKIN = 1e6
-"""Hydroelastic modulus of the skin while probing [Pa].
-
-A spherical tip pressed in by d needs F = pi E d^2: 0.2 N press it in by 0.25 mm, more than the
-0.2 mm of a simulation step.
-"""
-LIFTING_SKIN = 1e7
-"""While lifting, the skin is as firm as rubber [Pa]: 5 N press it in by 0.4 mm."""
-
-_STIFFNESS = {"revolute": 5.0, "prismatic": 5_000.0}  # [N m/rad], [N/m]
-_DAMPING = {"revolute": 0.1, "prismatic": 50.0}  # [N m s/rad], [N s/m]
-_COMPLIANCE = ("hydroelastic", "compliance_type")  # Drake's name of the property
-_NAMED = 4  # of the parts that a found hand lacks, so many are named
 
 
 @dataclass(frozen=True, slots=True, eq=False)

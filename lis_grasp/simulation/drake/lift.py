@@ -50,6 +50,8 @@ _WIDEST = 0.03
 # At 1e-5 it turns by 0.25 deg/s; below, nothing changes.
 _STICTION_TOLERANCE = 1e-5
 
+_AXIS_NAMES = ("x", "y", "z")
+
 
 def simulate_lift(setup: LiftSetup, accept_grasp: AcceptGrasp | None = None) -> LiftOutcome:
     """Execute one grasp on the true, free object, and return whether it holds.
@@ -210,9 +212,6 @@ class LiftScene:
     def X_WL(self, link: str) -> FloatArray:
         """Return the pose of a link, shape (4, 4)."""
         return self._hand.X_WL(self._scene.context, link)
-
-
-_AXIS_NAMES = ("x", "y", "z")
 
 
 class WristInPlant(FreeWrist):
