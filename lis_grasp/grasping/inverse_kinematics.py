@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.geometry import angle_between
 from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.robot_model import by_joint_kind
 from lis_grasp.typing import FloatArray, IndexArray
 
 _ITERATIONS = 20
@@ -19,13 +18,9 @@ _DAMPING = 1e-3
 # Converged: a step lowers the cost by less than this fraction; stuck: more damping than this.
 _SETTLED, _STUCK = 1e-4, 1e3
 # Units of the residuals: a pad off by 1 mm weighs as much as a contact outside its pad by 0.1 (in
-# the cosine), a joint 0.7 rad (or 7 cm) off its start, or a palm turned by 0.5 rad.
+# the cosine).
 _POSITION_UNIT = 1e-3
 _AXIS_UNIT = 0.1
-_REVOLUTE_UNIT, _PRISMATIC_UNIT = 0.7, 0.07
-_TURN_UNIT = 0.5
-# A joint of a finger without contact does not move; its smaller unit only raises the damping.
-_IDLE_FACTOR = 0.05
 # Contacts are kept within this fraction of a pad's half angle.
 _PAD_FRACTION = 0.8
 
@@ -33,14 +28,13 @@ _PAD_FRACTION = 0.8
 def solve_ik(hand: Hand, batch: GraspBatch, *, palm_fixed: bool = False) -> GraspBatch:
     """Return grasps with the palm poses and joint positions whose pads touch the contacts.
 
-    Minimises for each candidate the sum of squares of four residuals: pad centres, or other points
-    of the pads (`GraspBatch.offsets`), off ``p + radius n``; contacts beyond the pad's half angle;
-    joints off their start; the palm turned from its start. Levenberg-Marquardt with projection on
-    the joint limits: a step that does not improve a candidate is undone and its damping raised
-    (Marquardt 1963).
+    Minimises for each candidate the sum of squares of two residuals: pad centres, or other points
+    of the pads (`GraspBatch.offsets`), off ``p + radius n``; contacts beyond the pad's half angle.
+    Levenberg-Marquardt with projection on the joint limits: a step that does not improve a
+    candidate is undone and its damping raised (Marquardt 1963).
 
-    The postures of the batch are the initial guess, which is also the preferred posture. With
-    `palm_fixed` only the joints may move.
+    The postures of the batch are the initial guess; damped steps go no farther from it than needed.
+    With `palm_fixed` only the joints may move.
     """
     problem = _Problem(hand, batch, palm_fixed)
     X, joints = batch.X_OH.copy(), np.clip(batch.q, hand.lower, hand.upper)
@@ -76,10 +70,7 @@ def solve_ik(hand: Hand, batch: GraspBatch, *, palm_fixed: bool = False) -> Gras
 class _Problem:
     """Residuals of a batch of candidates and their Jacobian by palm and joints."""
 
-    _BY_CANDIDATE = (
-        *("_centers", "_normals", "_used", "_offsets"),
-        *("_start_X", "_start_q", "_joint_units"),
-    )
+    _BY_CANDIDATE = ("_centers", "_normals", "_used", "_offsets")
 
     def __init__(self, hand: Hand, batch: GraspBatch, palm_fixed: bool) -> None:
         self._hand = hand
@@ -89,14 +80,7 @@ class _Problem:
         self._used, self._offsets = batch.used, batch.offsets
         self._half_angles = np.array([pad.half_angle for pad in hand.pads])
         self._least_cosine = np.cos(_PAD_FRACTION * self._half_angles)  # (F,)
-        self._start_X, self._start_q = batch.X_OH, batch.q
-        units = by_joint_kind(hand, revolute=_REVOLUTE_UNIT, prismatic=_PRISMATIC_UNIT)
-        serving = np.zeros((len(hand.pads), len(units)), dtype=bool)
-        for f, finger in enumerate(hand.fingers):
-            serving[f, list(hand.finger_joints(finger))] = True
-        busy = (self._used[:, :, None] & serving).any(axis=1)  # (B, J)
-        self._joint_units = np.where(busy, units, _IDLE_FACTOR * units)
-        self._free = np.ones(6 + len(units))
+        self._free = np.ones(6 + len(hand.joint_names))
         if palm_fixed:
             self._free[:6] = 0.0
 
@@ -111,7 +95,7 @@ class _Problem:
     def linearise(self, X: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return residuals (B, R) and their Jacobian (B, R, 6 + J)."""
         hand, used = self._hand, self._used
-        batch, joints, rows = len(X), q.shape[1], 3 * used.shape[1]
+        rows = (len(X), 3 * used.shape[1])
         centers, axes, J_centers, J_axes = hand.pad_jacobians(X, q, self._offsets)
         position = np.where(used[..., None], centers - self._centers, 0.0) / _POSITION_UNIT
         J_position = np.where(used[..., None, None], J_centers, 0.0) / _POSITION_UNIT
@@ -120,19 +104,9 @@ class _Problem:
         axis = np.where(outside, self._least_cosine - cosine, 0.0) / _AXIS_UNIT
         J_cosine = -np.einsum("bfku,bfk->bfu", J_axes, self._normals)
         J_axis = np.where(outside[..., None], -J_cosine, 0.0) / _AXIS_UNIT
-        posture = (q - self._start_q) / self._joint_units
-        J_posture = np.zeros((batch, joints, 6 + joints))
-        J_posture[:, np.arange(joints), 6 + np.arange(joints)] = 1.0 / self._joint_units
-        turn = Rotation.from_matrix(
-            X[:, :3, :3] @ np.swapaxes(self._start_X[:, :3, :3], -1, -2)
-        ).as_rotvec()
-        J_turn = np.zeros((batch, 3, 6 + joints))
-        J_turn[:, :, :3] = np.eye(3)  # exact at the start, good enough for a preference
-        residual = np.concatenate(
-            [position.reshape(batch, rows), axis, posture, turn / _TURN_UNIT], axis=1
-        )
-        J_position = J_position.reshape(batch, rows, 6 + joints)
-        jacobian = np.concatenate([J_position, J_axis, J_posture, J_turn / _TURN_UNIT], axis=1)
+        residual = np.concatenate([position.reshape(rows), axis], axis=1)
+        J_position = J_position.reshape(*rows, 6 + q.shape[1])
+        jacobian = np.concatenate([J_position, J_axis], axis=1)
         return residual, jacobian * self._free
 
     def move(self, X: FloatArray, q: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
