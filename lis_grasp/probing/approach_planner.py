@@ -51,9 +51,6 @@ _FARTHER = 0.005
 # Axes that are tried before those.
 _FIRST = 1 + len(_TILTED)
 
-# An arm on a table does not bring the hand below a fingertip that points up more than this.
-_UPWARDS = 0.15
-
 # Spacing of points on the hand; links are thicker [m].
 _SPACING = 0.015
 # Cells of the grid along the object's largest extent; the grid reaches beyond it by so many sizes.
@@ -145,7 +142,6 @@ class ApproachPlanner:
         if self._reach is not None:
             keep_out = KeepOut(obstacles)
             axes = np.vstack([axes[:_FIRST], _turned_down(probe.direction), axes[_FIRST:]])
-            axes = axes[axes[:, 2] < _UPWARDS]
         spare: list[list[Approach]] = []
         for axis in axes:
             free: list[Approach] = []
