@@ -200,8 +200,13 @@ def test_a_mesh_in_millimetres_is_refused(gripper: Hand, box: trimesh.Trimesh) -
     ):
         with pytest.raises(InvalidMeshError, match=r"60 m large.*mm \(then 0\.06 m\)"):
             call()
-    with pytest.raises(InvalidMeshError, match=r"extract_mesh\(surface\)"):
-        lis_grasp.surface_error(CONTACTS, box)  # type: ignore[arg-type]
+    for nothing in (CONTACTS, trimesh.Trimesh()):
+        with pytest.raises(InvalidMeshError, match=r"extract_mesh\(surface\)"):
+            lis_grasp.surface_error(nothing, box)  # type: ignore[arg-type]
+        with pytest.raises(InvalidMeshError, match=r"mesh with faces"):
+            lis_grasp.Shape.from_mesh(nothing)  # type: ignore[arg-type]
+    with pytest.raises(InvalidMeshError, match="mesh with faces"):
+        lis_grasp.plan(trimesh.Trimesh(), gripper)
 
 
 def test_contacts_of_arrays_in_millimetres_are_noted() -> None:

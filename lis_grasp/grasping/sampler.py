@@ -121,7 +121,7 @@ class ForceClosureSampler:
         if not require_mesh("the mesh", mesh).is_watertight:
             raise InvalidMeshError(
                 "grasps are planned on closed meshes; this one has open edges: repair it with"
-                " lis_grasp.shapes.load, or mesh an estimate with extract_mesh"
+                " Shape.from_mesh or shapes.load, or mesh an estimate with extract_mesh"
             )
         if support_height is not None:
             height = float(mesh.bounds[1, 2]) - support_height

@@ -28,6 +28,7 @@ from lis_grasp.pipeline.scenario import Scenario, find_object
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import HAND_REGISTRY
 from lis_grasp.shapes import Shape
+from lis_grasp.shapes.shape import require_mesh
 from lis_grasp.typing import Seed
 
 AnyObject: TypeAlias = str | Path | Shape | trimesh.Trimesh
@@ -190,7 +191,8 @@ def plan(
     if not isinstance(mesh, trimesh.Trimesh):  # of an estimate, the uncertainty must be kept
         config, shape = _find(mesh, config)
         mesh = shape.mesh
-    support = float(mesh.bounds[0, 2]) if support_height is None else support_height
+    lowest = float(require_mesh("the mesh", mesh).bounds[0, 2])
+    support = lowest if support_height is None else support_height
     return stages.plan(Known.for_mesh(config, hand, mesh, support), mesh)
 
 

@@ -30,12 +30,11 @@ def sharp_edges(mesh: trimesh.Trimesh, *, angle: float = SHARP_ANGLE) -> FloatAr
 
 def require_mesh(what: str, mesh: object) -> trimesh.Trimesh:
     """Return a mesh; raise `InvalidMeshError` if it is none, or fits no object in metres."""
-    if not isinstance(mesh, trimesh.Trimesh):
+    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         raise InvalidMeshError(
-            f"{what} must be a mesh, such as extract_mesh(surface); it is {shown(mesh)}"
+            f"{what} must be a mesh with faces, such as extract_mesh(surface); it is {shown(mesh)}"
         )
-    if len(mesh.faces):
-        require_object_size(what, float(mesh.extents.max()))
+    require_object_size(what, float(mesh.extents.max()))
     return mesh
 
 
