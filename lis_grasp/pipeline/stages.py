@@ -210,7 +210,7 @@ def stop_rules(known: Known) -> list[StopRule]:
 
 
 def _best_success(known: Known, surface: ImplicitSurface) -> float:
-    """Return the predicted success of the best of a few grasps, as far as the surface decides it.
+    """Return the probability that the best of a few grasps closes, which the surface decides.
 
     Touching does not show how much weight a grasp must carry.
     """
