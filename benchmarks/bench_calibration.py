@@ -46,7 +46,7 @@ from lis_grasp_studies.study.trial import TRUTH, Setup, Trial
 from lis_grasp_studies.test_objects.shape_sets import DEVELOPMENT, graspable_shape
 
 SURFACES, TOUCHES = (TRUTH, "blend", "gpis"), (10, 20)
-SETUP = Setup("dynamic", policy="cover", conditions="unknown")
+SETUP = Setup("dynamic", conditions="unknown")
 
 STRETCHED: Mapping[str, tuple[str, tuple[float, float, float]]] = {
     "bar": ("box", (0.150, 0.028, 0.012)),
