@@ -239,11 +239,29 @@ def test_estimate_prints_the_size(tmp_path: Path, capsys: pytest.CaptureFixture[
     said, noted = capsys.readouterr()
     assert "contacts: 6 within 60 x 60 x 60 mm" in said
     assert "estimate: 60" in said
-    assert "untouched: 100 % of the surface" not in said
     assert "note: fewer than 10 contacts" in noted
     assert "normals:" not in said
     assert main(["estimate", str(path)]) == 2
     assert "--units mm" in capsys.readouterr().err
+
+
+def test_estimate_prints_how_much_of_the_surface_no_contact_is_near(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    directions = trimesh.creation.icosphere(subdivisions=3).vertices
+    upper = directions[directions[:, 2] >= 0.0]
+    Contacts(0.03 * upper, upper).save(tmp_path / "ball.csv")
+    arguments = ["estimate", str(tmp_path / "ball.csv"), "--estimator", "gpis"]
+    assert main(arguments) == 0
+    said = capsys.readouterr().out
+    matched = re.search(r"untouched: (\d+) % of the surface is more than ([\d.]+) mm", said)
+    assert matched is not None
+    percent, near = map(float, matched.groups())
+    mesh = trimesh.load(tmp_path / "surface.ply")
+    points, _ = trimesh.sample.sample_surface(mesh, 4000, seed=0)
+    distances = np.linalg.norm(points[:, None] - 0.03 * upper, axis=2).min(axis=1)
+    assert percent == pytest.approx(100.0 * np.mean(1e3 * distances > near), abs=3.0)  # 4 sigma
+    assert 10.0 < percent < 50.0
 
 
 # ---------------------------------------------------------------- files as programs write them
