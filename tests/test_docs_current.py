@@ -88,7 +88,12 @@ def test_every_reason_is_explained() -> None:
     assert named == {*sentences, *get_args(ProbeStatus)}
     of_probes = [approach_planner.NO_FREE_START, approach_planner.NO_FREE_APPROACH]
     of_probes += [approach_planner.OUT_OF_ARM_REACH, probe_planner.NO_ARM_TRANSIT]
-    of_probes += [guarded_motion.AT_TABLE, pose_tracking.MOVED, pose_tracking.LOST]
+    of_probes += [
+        guarded_motion.AT_TABLE,
+        pose_tracking.MOVED,
+        pose_tracking.LOST,
+        pose_tracking.JOINED,
+    ]
     of_probes += [dynamic_prober.ARM_STOPPED, dynamic_prober.GRAZED]
     assert not [reason for reason in of_probes if f"| {reason} |" not in page]
 

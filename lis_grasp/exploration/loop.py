@@ -11,19 +11,22 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, counted
 from lis_grasp.exploration.extent import free_beyond, open_ends
-from lis_grasp.exploration.probe import MovingProber, ProbeOutcome, Prober, since_loss
+from lis_grasp.exploration.probe import MovingProber, ProbeOutcome, Prober, maps_of, present_map
 from lis_grasp.exploration.region import Region
+from lis_grasp.exploration.registration import are_on, find_displacement
 from lis_grasp.exploration.states import (
     Exploration,
     ExplorationSetup,
     ExplorationState,
     NextProbe,
     contacts_after,
+    contacts_of,
 )
 from lis_grasp.exploration.stopping import StopRuleWithMemory
 from lis_grasp.exploration.workspace import Estimate, ObstacleModel
+from lis_grasp.geometry import inverse_pose
 from lis_grasp.surfaces.implicit_surface import DeferredSurface
-from lis_grasp.typing import Seed
+from lis_grasp.typing import FloatArray, Seed
 
 # An exploration gives up after this many probes for each touch, and these on top.
 _PROBES_PER_TOUCH, _SPARE_PROBES = 4, 20
@@ -121,11 +124,19 @@ def advance(
     if setup.tracker is None:
         return _without_strays(setup, state, outcome)
     repeated = setup.tracker.probe_again(state.outcomes) is not None
-    recent = since_loss(state.outcomes)
+    recent = present_map(state.outcomes)
     outcome, frames = setup.tracker.track(
         outcome, recent, state.known, state.estimated, repeated=repeated
     )
-    return replace(_without_strays(setup, state, outcome), frames=frames)
+    after = _without_strays(setup, state, outcome)
+    if after.before is not None and len(outcome.contacts) and not outcome.lost:
+        found = find_displacement(after.contacts, after.before)
+        if found is not None:
+            outcome = setup.tracker.joined(after.outcomes[-1], *found)
+            gone = _moved_before(outcome, after.outcomes, after.before)
+            outcome = replace(outcome, dropped=gone)
+            after, frames = _without_strays(setup, state, outcome), (*frames, found[0])
+    return replace(after, frames=frames)
 
 
 def choose(
@@ -139,7 +150,7 @@ def choose(
     if ended is not None:
         return ended
     probe = None if setup.tracker is None else setup.tracker.probe_again(state.outcomes)
-    known, recent = state.known, since_loss(state.outcomes)
+    known, recent = state.known, present_map(state.outcomes)
     probe = probe or setup.policy.next_probe(known, state.estimated, outcomes=recent, rng=rng)
     if probe is None:
         return f"the policy has no probe left{_not_found(setup, state)}"
@@ -159,12 +170,32 @@ def _without_strays(
     if setup.find_strays is None or outcome.lost or not after.is_new:
         return after
     strays = setup.find_strays(after.contacts)
-    points = after.contacts.points[strays[strays < len(state.contacts)]]
+    before = len(after.contacts) - len(outcome.contacts) if outcome.joined else len(state.contacts)
+    points = after.contacts.points[strays[strays < before]]
     # A place that was probed again is believed.
-    for before in state.outcomes if len(points) else ():
-        again = np.linalg.norm(points[:, None] - before.dropped, axis=2) < after.contacts.spacing
+    for earlier in state.outcomes if len(points) else ():
+        again = np.linalg.norm(points[:, None] - earlier.dropped, axis=2) < after.contacts.spacing
         points = points[~again.any(axis=1)]
-    return _added(setup, state, replace(outcome, dropped=points)) if len(points) else after
+    dropped = np.vstack([outcome.dropped, points])
+    return _added(setup, state, replace(outcome, dropped=dropped)) if len(points) else after
+
+
+def _moved_before(
+    joined: ProbeOutcome, outcomes: Sequence[ProbeOutcome], surface: Estimate
+) -> FloatArray:
+    """Return the points (D, 3) of contacts of the map before that were made after the motion.
+
+    Since the last repetition that agreed, these are on its estimate where the object is now.
+    """
+    gone = [joined.dropped]
+    for before in reversed(maps_of(outcomes)[0].values()):
+        if before.repeated and len(before.contacts):
+            break
+        if len(before.contacts) and before.tracked and joined.tracked:
+            X_EF = inverse_pose(before.tracked.X_WE) @ joined.tracked.X_WE
+            there = are_on(before.contacts.in_frame(X_EF), surface)
+            gone.append(before.contacts.points[there])
+    return np.vstack(gone)
 
 
 def _added(
@@ -174,12 +205,17 @@ def _added(
     before = len(state.known)
     if len(outcome.dropped):
         state = replace(state, estimated=None)
-    if outcome.lost:  # what was known before is not where the object is now
-        state, before = replace(state, prior=Contacts.empty(), estimated=None), 0
+    outcomes = (*state.outcomes, outcome)
+    if outcome.lost or outcome.joined:
+        maps, prior = maps_of(outcomes), setup.prior or Contacts.empty()
+        held, now = (prior if 0 in one else Contacts.empty() for one in maps)
+        waits = held.append(contacts_of(maps[0], outcomes, setup.touches))
+        earlier = Estimate(setup.estimate, waits) if len(waits) else None
+        state, before = replace(state, prior=now, estimated=None, before=earlier), 0
     state = replace(
         state,
-        outcomes=(*state.outcomes, outcome),
-        contacts=contacts_after(state.contacts, outcome, state.duration, setup.touches),
+        outcomes=outcomes,
+        contacts=contacts_after(state.contacts, outcomes, setup.touches),
         frames=(),
         duration=state.duration + outcome.duration,
     )
@@ -213,7 +249,7 @@ def end(setup: ExplorationSetup, state: ExplorationState, reason: str) -> Explor
     if not isinstance(setup.space, Region) or len(state.prior):
         return replace(state, ended=reason)
     space = setup.space.fitted_to(state.contacts)
-    points, radii = free_beyond(space, state.contacts, since_loss(state.outcomes))
+    points, radii = free_beyond(space, state.contacts, present_map(state.outcomes))
     free = replace(Contacts.empty(), free_points=points, free_radii=radii)
     return replace(state, ended=reason, contacts=state.contacts.append(free))
 
@@ -226,7 +262,7 @@ def sought_ends(setup: ExplorationSetup, state: ExplorationState) -> str:
     if not isinstance(setup.space, Region) or len(state.prior):
         return ""
     space = setup.space.fitted_to(state.contacts)
-    return open_ends(space, state.contacts, since_loss(state.outcomes))
+    return open_ends(space, state.contacts, present_map(state.outcomes))
 
 
 def _not_found(setup: ExplorationSetup, state: ExplorationState) -> str:

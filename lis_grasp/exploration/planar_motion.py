@@ -7,24 +7,16 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.geometry import apply_pose, inverse_pose, make_pose, rotate
+from lis_grasp.geometry import make_pose, require_pose
 from lis_grasp.records import short_repr
 from lis_grasp.typing import FloatArray
 
 # Radius at which friction resists a turn, as a fraction of the object's extent: between a disc's,
 # 0.33, and a ring's, 0.5. The extent is at least [m].
 _TURNING_RADIUS, _LEAST_EXTENT = 0.4, 0.03
-# Standard deviations of a displacement by a hand that closed on an object or hit it: x, y [m], yaw.
-_CLOSING_MOTION = np.array([0.01, 0.01, 0.2])
-CONTACT_ERROR = 0.002
-"""Standard deviation of a contact's distance from the estimated surface [m]."""
-_ITERATIONS = 10
-# Angles, about the 0.2 rad of a start apart, and least contacts that show where an object is.
-_YAWS, _ENOUGH = 24, 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,69 +47,17 @@ def push_of(contacts: Contacts, known: Contacts) -> Push:
 
 
 def planar_pose(displacement: FloatArray) -> FloatArray:
-    """Return the pose, shape (4, 4), of a displacement (3,): x, y [m] and yaw [rad]."""
-    x, y, yaw = displacement
-    c, s = np.cos(yaw), np.sin(yaw)
-    return make_pose([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], [x, y, 0.0])
+    """Return the poses (..., 4, 4) of displacements (..., 3): x, y [m] and yaw [rad]."""
+    x, y, yaw = np.moveaxis(np.asarray(displacement), -1, 0)
+    c, s, o = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)
+    R = np.stack([c, -s, o, s, c, o, o, o, o + 1.0], axis=-1).reshape(*yaw.shape, 3, 3)
+    return make_pose(R, np.stack([x, y, o], axis=-1))
 
 
 def displacement_rows(points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return how a displacement moves points (N, 3) along normals (N, 3), shape (N, 3)."""
-    turn = points[:, 0] * normals[:, 1] - points[:, 1] * normals[:, 0]
-    return np.column_stack([normals[:, :2], turn])
-
-
-def register_motion(
-    contacts: Contacts, mesh: trimesh.Trimesh, start: FloatArray | None = None
-) -> FloatArray:
-    """Return the planar displacement (3,) of an object on which a hand closed, or that it hit.
-
-    Gauss-Newton iterations of the most probable displacement d from the estimate. Before the
-    contacts it is normal, of 10 mm and 0.2 rad. The distances ``n . d(p)`` of the contacts from the
-    estimated surface are known to 2 mm (point-to-plane registration: Chen and Medioni 1992).
-
-    Parameters
-    ----------
-    contacts
-        In the frame of the estimate [m].
-    mesh
-        The surface estimated before the motion, closed [m].
-    start
-        Mean displacement (3,) before the contacts; None for zero.
-    """
-    mean = np.zeros(3) if start is None else start
-    displacement = mean.copy()
-    prior = np.diag(_CLOSING_MOTION**-2.0)
-    for _ in range(_ITERATIONS if len(contacts) else 0):
-        X = planar_pose(displacement)
-        points = apply_pose(inverse_pose(X), contacts.points)
-        nearest, _, triangles = trimesh.proximity.closest_point(mesh, points)
-        normals = mesh.face_normals[triangles]
-        distances = np.einsum("ni,ni->n", points - nearest, normals) / CONTACT_ERROR
-        rows = displacement_rows(rotate(X, nearest), rotate(X, normals)) / CONTACT_ERROR
-        gradient = rows.T @ distances - prior @ (displacement - mean)
-        displacement += np.linalg.solve(prior + rows.T @ rows, gradient)
-    return displacement
-
-
-def find_displacement(contacts: Contacts, mesh: trimesh.Trimesh) -> FloatArray | None:
-    """Return the planar displacement (3,) of an object that is somewhere else; None if not found.
-
-    The best of `register_motion` from many angles, with the middles of the contacts and of the
-    estimate at one place. The contacts, at least eight, must be on the estimate then, to 2 mm.
-    """
-    best, least = None, CONTACT_ERROR if len(contacts) >= _ENOUGH else 0.0
-    middle, center = contacts.bounds.mean(axis=0), mesh.bounds.mean(axis=0)
-    for yaw in np.linspace(-np.pi, np.pi, _YAWS, endpoint=False):
-        turned = apply_pose(planar_pose(np.array([0.0, 0.0, yaw])), center)
-        start = np.append((middle - turned)[:2], yaw)
-        found = register_motion(contacts, mesh, start)
-        points = apply_pose(inverse_pose(planar_pose(found)), contacts.points)
-        off = trimesh.proximity.closest_point(mesh, points)[1]
-        error = float(np.sqrt(np.mean(off**2)))
-        if error < least:
-            best, least = found, error
-    return best
+    """Return how a displacement moves points (..., 3) along normals (..., 3), shape (..., 3)."""
+    turn = points[..., 0] * normals[..., 1] - points[..., 1] * normals[..., 0]
+    return np.concatenate([normals[..., :2], turn[..., None]], axis=-1)
 
 
 # Scales of the motion by one touch [m], and their probabilities before the first touch. Mass and
@@ -155,6 +95,8 @@ class PoseBelief:
     count: int = 0  #: probes since the first doubt; on probation, probes that are left of it
     repeated: bool = False  #: whether the last probe repeated an earlier one
     suspicious: bool = False  #: whether its contact was far from the expected surface
+    #: pose (4, 4) of the map before the loss among later contacts, if the last probe showed it
+    joined: FloatArray | None = None
 
     __repr__ = short_repr
 
@@ -261,20 +203,16 @@ class PoseBelief:
             "repeated": self.repeated,
             "suspicious": self.suspicious,
             "lost": self.trust == "lost",
+            **({} if self.joined is None else {"joined": self.joined.tolist()}),
         }
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> PoseBelief:
         """Return the belief that `as_dict` wrote; `InvalidOptionError` for another shape."""
-        count = len(_SCALES)
-        shapes = {
-            "X_WE": (4, 4),
-            "means": (count, 3),
-            "covariances": (count, 3, 3),
-            "log_weights": (count,),
-        }
-        arrays = {name: np.array(values[name], dtype=np.float64) for name in shapes}
-        for name, shape in shapes.items():
+        names = ("X_WE", "means", "covariances", "log_weights")
+        arrays = {name: np.array(values[name], dtype=np.float64) for name in names}
+        for name, shape in zip(names, ((4, 4), (-1, 3), (-1, 3, 3), (-1,)), strict=True):
+            shape = tuple(len(_SCALES) if n < 0 else n for n in shape)
             if arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
                 required = f"finite numbers of shape {shape}"
                 raise InvalidOptionError.out_of_range(name, values[name], required)
@@ -282,5 +220,12 @@ class PoseBelief:
         trust: PoseTrust = "lost" if values["lost"] else "trusted"
         if doubts:
             trust = "doubted" if doubts > 0 else "on_probation"
-        flags = bool(values["repeated"]), bool(values["suspicious"])
-        return cls(**arrays, trust=trust, count=abs(doubts), repeated=flags[0], suspicious=flags[1])
+        joined = values.get("joined")
+        return cls(
+            **arrays,
+            trust=trust,
+            count=abs(doubts),
+            repeated=bool(values["repeated"]),
+            suspicious=bool(values["suspicious"]),
+            joined=None if joined is None else require_pose("joined", joined),
+        )

@@ -11,7 +11,7 @@ from scipy.spatial.distance import cdist
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_at_least
 from lis_grasp.exploration.planar_motion import PoseBelief, PoseTrust, push_of
-from lis_grasp.exploration.probe import Probe, ProbeOutcome, since_loss
+from lis_grasp.exploration.probe import Probe, ProbeOutcome, present_map
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
@@ -43,7 +43,8 @@ _NEAR, _BEND = 0.003, 0.1
 _NONLINEAR, _LEAST_ERROR = 0.1, 1e-4
 
 MOVED = "the object moved too far to place the contact"
-LOST = "the object is no longer where it was: earlier contacts are dropped"
+LOST = "the object is no longer where it was: a second map begins"
+JOINED = "the object is found again: its maps are joined"
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +89,7 @@ class PoseTracker:
 
         It is the one whose contact's position along its normal is least certain.
         """
-        recent = since_loss(outcomes)
+        recent = present_map(outcomes)
         touches = [o for o in recent if o.status == "touched"]
         spent = _OF_TOUCHES * (sum(o.repeated for o in recent) - 1) >= len(touches)
         belief = outcomes[-1].tracked if outcomes else None
@@ -137,14 +138,19 @@ class PoseTracker:
         `surface` is estimated from them. `repeated` is whether the probe is one of `probe_again`.
         """
         belief = (outcomes[-1].tracked if outcomes else None) or PoseBelief.start()
+        belief = replace(belief, joined=None)
         contacts = outcome.contacts
         certain = surface if len(known) >= _FEW else None
         contradicted = certain is not None and _free_where_touched(outcome, known, belief)
+        same = (o for o in outcomes if np.array_equal(o.probe.target, outcome.probe.target))
+        places = (o.contacts.subset([0]) for o in same if repeated and len(o.contacts))
+        place = next(places, None)
+        contradicted |= place is not None and outcome.status == "missed"
         push = push_of(contacts, known) if len(contacts) else None
         usable, suspicious = True, False
         if push is not None:
             belief = belief.pushed(push, detected=False)
-            belief, surprise = self._measured(belief, contacts, known, certain)
+            belief, surprise = self._measured(belief, contacts, place or known, certain, place)
             # Elsewhere the estimate may be wrong: only a known place is evidence of a motion.
             usable = surprise <= _CONTRADICTION
             contradicted |= repeated and not usable
@@ -170,8 +176,20 @@ class PoseTracker:
                 new = replace(new, position_noise=np.full(len(new), self.position_noise))
             outcome = replace(outcome, contacts=new, reason=LOST)
         elif not usable:
-            outcome = replace(outcome, status="blocked", contacts=Contacts.empty(), reason=MOVED)
+            kept = outcome.contacts if belief.trust == "doubted" else Contacts.empty()
+            kept = replace(kept, position_noise=np.full(len(kept), self.position_noise))
+            outcome = replace(outcome, status="blocked", contacts=kept, reason=MOVED)
         return replace(outcome, tracked=belief), (X_EC, X_CF)
+
+    def joined(
+        self, outcome: ProbeOutcome, X_EF: FloatArray, covariance: FloatArray
+    ) -> ProbeOutcome:
+        """Return an outcome that joins the contacts since a loss to the map before, F, in E."""
+        outcome, start = outcome.on_map(X_EF), PoseBelief.start()
+        covariances = start.covariances + covariance
+        belief = replace(outcome.tracked or start, means=start.means, covariances=covariances)
+        belief = replace(belief, trust="trusted", count=0, joined=X_EF)
+        return replace(outcome, tracked=belief, reason=JOINED)
 
     def _measured(
         self,
@@ -179,6 +197,7 @@ class PoseTracker:
         contacts: Contacts,
         known: Contacts,
         surface: ImplicitSurface | None,
+        place: Contacts | None,
     ) -> tuple[PoseBelief, float]:
         """Return the belief after contacts, and the largest innovation in standard deviations.
 
@@ -186,7 +205,7 @@ class PoseTracker:
         """
         surprise = 0.0
         for point in contacts.points:
-            measurement = _to_plane(point, known, self.position_noise)
+            measurement = _to_plane(point, known, self.position_noise, near=place is None)
             if measurement is None and surface is not None:
                 measurement = _to_surface(point, surface)
             if measurement is None:
@@ -225,7 +244,7 @@ def _judged(belief: PoseBelief, known: Contacts, *, contradicted: bool) -> PoseB
 
 
 def _to_plane(
-    point: FloatArray, known: Contacts, noise: float
+    point: FloatArray, known: Contacts, noise: float, *, near: bool
 ) -> tuple[FloatArray, float, float] | None:
     """Return normal (3,), distance [m] and its variance to the plane of a near contact, or None.
 
@@ -238,7 +257,7 @@ def _to_plane(
     normal, offset = known.normals[nearest], offsets[nearest]
     distance = float(offset @ normal)
     aside = float(np.linalg.norm(offset - distance * normal))
-    if aside > _NEAR or abs(distance) > _FAR:
+    if near and (aside > _NEAR or abs(distance) > _FAR):
         return None
     return normal, distance, (_BEND * aside) ** 2 + noise**2
 

@@ -14,7 +14,7 @@ from lis_grasp.contacts import FARTHEST, Contacts, checked_radii
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.geometry import inverse_pose, require_pose
+from lis_grasp.geometry import apply_pose, inverse_pose, require_pose, rotate
 from lis_grasp.records import Record, read_only, short_repr
 from lis_grasp.typing import FloatArray
 
@@ -60,6 +60,12 @@ class Probe(Record):
             value = float(getattr(self, name))
             require_at_least(0, **{name: value})
             object.__setattr__(self, name, value)
+
+    def in_frame(self, X_EF: FloatArray) -> Probe:
+        """Return the probe in a frame F with pose X_EF (4, 4)."""
+        X_FE = inverse_pose(X_EF)
+        target, direction = apply_pose(X_FE, self.target), rotate(X_FE, self.direction)
+        return replace(self, target=target, direction=direction)
 
     @property
     def start(self) -> FloatArray:
@@ -196,6 +202,34 @@ class ProbeOutcome(Record):
         """Whether the probe showed that the tracked object is somewhere else."""
         return self.tracked is not None and self.tracked.trust == "lost"
 
+    @property
+    def joined(self) -> bool:
+        """Whether the probe showed that the contacts since a loss are on an earlier map."""
+        return self.tracked is not None and self.tracked.joined is not None
+
+    def on_map(self, X_EF: FloatArray, X_PF: FloatArray | None = None) -> ProbeOutcome:
+        """Return the outcome and its probe, given in P, in the frame F of another map."""
+        tracked = self.tracked
+        return replace(
+            self.in_frame(X_EF),
+            probe=self.probe.in_frame(X_EF if X_PF is None else X_PF),
+            dropped=apply_pose(inverse_pose(X_EF), self.dropped),
+            tracked=tracked and replace(tracked, X_WE=tracked.X_WE @ X_EF),
+        )
+
+    @property
+    def doubted(self) -> bool:
+        """Whether the pose of the tracked object is in doubt, so that contacts wait."""
+        return self.tracked is not None and self.tracked.trust == "doubted"
+
+    def felt(self, X_WP: FloatArray, X_WF: FloatArray) -> ProbeOutcome:
+        """Return the outcome in doubt, of a probe in P, on a new map F of a resting object."""
+        assert self.tracked is not None
+        X_EF, X_PF = (inverse_pose(X) @ X_WF for X in (self.tracked.X_WE, X_WP))
+        tracked = replace(self.tracked, trust="trusted", repeated=False)
+        status: ProbeStatus = "touched" if len(self.contacts) else self.status
+        return replace(self, tracked=tracked, status=status).on_map(X_EF, X_PF)
+
     def object_moved(self, X_EF: FloatArray) -> ProbeOutcome:
         """Return the outcome after a believed motion of the object that its contacts precede."""
         pose = self.simulated_pose
@@ -227,12 +261,32 @@ class MovingProber(Prober, Protocol):
         ...
 
 
-def since_loss(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:
-    """Return the outcomes since the object was lost, the one that showed it included."""
-    for i in range(len(outcomes) - 1, -1, -1):
-        if outcomes[i].lost:
-            return outcomes[i:]
-    return outcomes
+def maps_of(outcomes: Sequence[ProbeOutcome]) -> list[dict[int, ProbeOutcome]]:
+    """Return the outcomes of the map before a loss and of the present one, by their number.
+
+    Each is in the frame of its map. A loss begins another, with what was felt in doubt; the larger
+    of those before waits, until an outcome joins the present one to it.
+    """
+    before: dict[int, ProbeOutcome] = {}
+    present: dict[int, ProbeOutcome] = {}
+    for i, outcome in enumerate(outcomes):
+        tracked = outcome.tracked
+        if tracked is not None and outcome.lost:
+            doubted = [j for j, other in present.items() if other.doubted]
+            frames = [o.tracked.X_WE if o.tracked else tracked.X_WE for o in outcomes[:i]]
+            felt = {j: present.pop(j).felt(frames[j - 1], tracked.X_WE) for j in doubted}
+            before = max(before, present, key=lambda m: sum(len(o.contacts) for o in m.values()))
+            present = felt
+        elif tracked is not None and tracked.joined is not None:
+            moved = {j: other.on_map(tracked.joined) for j, other in present.items()}
+            before, present = {}, before | moved
+        present[i] = outcome
+    return [before, present]
+
+
+def present_map(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:
+    """Return the outcomes of the present map, in its frame: all but those of the one before."""
+    return list(maps_of(outcomes)[1].values()) if any(o.lost for o in outcomes) else outcomes
 
 
 def _moved(points: FloatArray, X: FloatArray) -> FloatArray:

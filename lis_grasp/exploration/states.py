@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import get_args
 
@@ -13,7 +13,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import counted, require_at_least
 from lis_grasp.exploration.policy import Policy
 from lis_grasp.exploration.pose_tracking import PoseTracker
-from lis_grasp.exploration.probe import Probe, ProbeOutcome, ProbeStatus
+from lis_grasp.exploration.probe import Probe, ProbeOutcome, ProbeStatus, maps_of, present_map
 from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.stopping import StopRule
 from lis_grasp.exploration.tactile_sensor import TactileSensor
@@ -22,8 +22,8 @@ from lis_grasp.records import Record, short_repr
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray, IndexArray
 
-# Contacts closer than this are duplicates [m].
-_SAME_CONTACT = 1e-3
+# Contacts closer than this are duplicates, and points the same [m].
+_SAME_CONTACT, _SAME_POINT = 1e-3, 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +46,7 @@ class ExplorationSetup:
     prior
         Contacts known before the first touch, for example of a camera; None for none. The surface
         is estimated from them and the touches, and touches go where both are missing. They are no
-        part of the result, and are dropped when the tracker loses the object.
+        part of the result, and wait while the tracker has lost the object.
     sensor
         Model of the tactile sensor; None for an ideal one.
     stop
@@ -96,6 +96,7 @@ class ExplorationState(Record):
     #: poses (4, 4) of the object's new frames by the last outcome, each in the one before
     frames: tuple[FloatArray, ...] = ()
     duration: float = 0.0  #: of the probes [s]
+    before: Estimate | None = None  #: the map before a loss, while later contacts are another
     ended: str = ""  #: why the exploration ended; empty before
     known: Contacts = field(init=False)  #: prior contacts, then those of the touches
 
@@ -134,11 +135,9 @@ class Exploration(Record):
 
         The probes after the last of these contacts are left out.
         """
-        contacts, clock, used = Contacts.empty(), 0.0, 0
-        for outcome in outcomes:
-            used += 1
-            contacts = contacts_after(contacts, outcome, clock, touches)
-            clock += outcome.duration
+        contacts, used = Contacts.empty(), 0
+        for used in range(1, len(outcomes) + 1):
+            contacts = contacts_after(contacts, outcomes[:used], touches)
             if touches is not None and len(contacts) >= touches:
                 break
         return cls(contacts, tuple(outcomes[:used]), "replayed")
@@ -151,8 +150,8 @@ class Exploration(Record):
     def touches(self) -> tuple[ProbeOutcome, ...]:
         """The outcome that made each contact, in the contacts' order."""
         contacts, touches = Contacts.empty(), dict[bytes, ProbeOutcome]()
-        for outcome in self.outcomes:
-            contacts = contacts_after(contacts, outcome, 0.0, len(self.contacts))
+        for outcome in present_map(self.outcomes):
+            contacts = _with_those_of(contacts, outcome, 0.0, len(self.contacts))
             points = [point.tobytes() for point in contacts.points]
             touches = {point: touches.get(point, outcome) for point in points}
         return tuple(touches.values())
@@ -179,16 +178,35 @@ class Exploration(Record):
 
 
 def contacts_after(
+    contacts: Contacts, outcomes: Sequence[ProbeOutcome], touches: int | None
+) -> Contacts:
+    """Return the contacts, at most `touches`, after the last outcome, given those before it.
+
+    They are those of one map: a loss begins another, which may be joined to an earlier one.
+    """
+    last = outcomes[-1]
+    if last.lost or last.joined:
+        return contacts_of(maps_of(outcomes)[1], outcomes, touches)
+    return _with_those_of(contacts, last, sum(o.duration for o in outcomes[:-1]), touches)
+
+
+def contacts_of(
+    of_map: Mapping[int, ProbeOutcome], outcomes: Sequence[ProbeOutcome], touches: int | None
+) -> Contacts:
+    """Return the contacts of a map, one of `maps_of` the outcomes."""
+    contacts = Contacts.empty()
+    for i, outcome in of_map.items():
+        clock = sum(before.duration for before in outcomes[:i])
+        contacts = _with_those_of(contacts, outcome, clock, touches)
+    return contacts
+
+
+def _with_those_of(
     contacts: Contacts, outcome: ProbeOutcome, clock: float, touches: int | None
 ) -> Contacts:
-    """Return the contacts, at most `touches`, after an outcome `clock` [s] after the first began.
-
-    One that shows that the object is lost ends the contacts before it; it may drop some.
-    """
-    if outcome.lost:
-        contacts = Contacts.empty()
+    """Return the contacts with those of an outcome `clock` [s] after the first began."""
     room = None if touches is None else touches - len(contacts)
-    if outcome.repeated:
+    if outcome.repeated or outcome.doubted:
         room = 0  # it measures the pose, and nothing new of the surface
     new = outcome.contacts.subset(new_contacts(contacts, outcome.contacts)[:room])
     # The outcome's free space counts; a prober may repeat it in its contacts.
@@ -200,7 +218,7 @@ def contacts_after(
     )
     contacts, kept = contacts.append(added), np.ones(len(contacts) + len(added), dtype=bool)
     for point in outcome.dropped:
-        kept &= np.any(contacts.points != point, axis=1)
+        kept &= np.any(np.abs(contacts.points - point) > _SAME_POINT, axis=1)
     return contacts if kept.all() else contacts.subset(kept)
 
 

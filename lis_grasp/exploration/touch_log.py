@@ -175,6 +175,7 @@ class BeliefEntry(FileRecord):
     repeated: bool
     suspicious: bool
     lost: bool
+    joined: Pose | None = None
 
 
 class TouchEntry(FileRecord):

@@ -15,6 +15,7 @@ from lis_grasp.exceptions import EstimationError, InvalidMeshError
 from lis_grasp.exploration import Exploration, ExplorationState, ProbeOutcome, TouchLog, begin
 from lis_grasp.exploration.loop import end
 from lis_grasp.exploration.policy import POLICY_NAMES
+from lis_grasp.exploration.probe import maps_of
 from lis_grasp.grasping.hand_capacity import narrowest_width
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import sole_writer
@@ -81,7 +82,7 @@ def explore_into(
             log.end(exploration.ended)
         stage.result = exploration.summary()
     contacts = exploration.contacts
-    if len(cloud) and not any(outcome.lost for outcome in exploration.outcomes):
+    if len(cloud) and min(maps_of(exploration.outcomes)[1], default=0) == 0:
         contacts = contacts.append(cloud)
     after = scenario.after(exploration)
     facts = provenance.parse(header) | after.facts() | after.warnings(contacts)
@@ -168,8 +169,8 @@ def _watched(
     counts = growth_counts(known.touches)
     while not state.ended:
         contacts = len(state.contacts)
-        if state.outcomes and state.outcomes[-1].lost:
-            stage.note("lost the object, starting again")
+        if state.outcomes and (state.outcomes[-1].lost or state.outcomes[-1].joined):
+            stage.note(state.outcomes[-1].reason)
         stage.count(contacts, known.touches)
         if state.surface is not None and state.is_new:
             # One touch can make several contacts and so pass a count.

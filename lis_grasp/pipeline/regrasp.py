@@ -18,14 +18,12 @@ from lis_grasp.exploration import (
     explore_steps,
 )
 from lis_grasp.exploration.planar_motion import (
-    CONTACT_ERROR,
     PoseBelief,
-    find_displacement,
     planar_pose,
-    register_motion,
 )
 from lis_grasp.exploration.pose_tracking import doubted
 from lis_grasp.exploration.probe_motions import surface_probe
+from lis_grasp.exploration.registration import CONTACT_ERROR, register_motion
 from lis_grasp.geometry import inverse_pose, unit
 from lis_grasp.grasping.epsilon import robust_epsilon_on
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
@@ -200,9 +198,9 @@ def touch_more(
 
     An exploration is continued, of a free object, by simulated touches with forces. After a motion,
     known contacts are touched again and register the object (`PoseTracker`). If they contradict the
-    contacts, it has toppled or is far away: it is explored anew. Then the earlier contacts are
-    dropped, unless the new ones are on the displaced estimate `mesh` (`find_displacement`), which
-    is None if the object has not moved.
+    contacts, it has toppled or is far away: it is explored anew, and the earlier contacts are used
+    as soon as the new ones tell where they are. `mesh`, the displaced estimate, is None if the
+    object has not moved.
 
     Returns the scenario and all contacts in the frame of the object where it was found, and counts.
     Without contacts, it was not found.
@@ -229,19 +227,14 @@ def touch_more(
     wanted, lost = len(again) + _MORE_TOUCHES, False
     for state in explore_steps(prober, setup, rng=exploration_rng(known), recorded=recorded):
         last, probes = state.outcomes[-1], len(state.outcomes) - len(recorded)
-        if last.lost:
-            wanted, lost = known.touches, True
+        if last.lost or last.joined:
+            wanted, lost = (known.touches if last.lost else 0), last.lost
         is_sought = last.tracked is not None and last.tracked.trust == "doubted"
         made = len(state.contacts) >= wanted and not is_sought
         if made or probes >= _PROBES_PER_TOUCH * (known.touches if lost else 2 * _MORE_TOUCHES):
             break
     X_EF = np.eye(4) if last.tracked is None else last.tracked.X_WE
     scenario, found = scenario.after(state.result), state.known
-    displacement = find_displacement(found, mesh) if lost and mesh is not None else None
-    if displacement is not None:
-        X_EF, lost = planar_pose(displacement), False
-        scenario = scenario.moved(X_EF, scenario.truth.X_EO)
-        found = contacts.append(found.in_frame(X_EF))
     touched = len(found) - (0 if lost else len(contacts))
     moved = float(np.linalg.norm(X_EF[:3, 3]))
     return scenario, found, Lesson(0, touched, probes, moved, lost)

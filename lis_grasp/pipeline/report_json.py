@@ -184,8 +184,9 @@ def motion_facts(shape: Shape, exploration: Exploration) -> dict[str, Any] | Non
     `displacement` [m] is that of the centre of its box in all, `largest_motion` [m] that of any
     point by one touch. `tracking_error` [m] is the mean distance of the true surface from the same
     surface where the object is believed to be: 0 for motions that leave the surface in place. It is
-    None after a loss, which begins another frame. `contact_error` [m] is the root mean square
-    distance of the contacts from the true surface where it is now. None for a fixed object.
+    None after a loss, which begins another map, until both are joined. `contact_error` [m] is the
+    root mean square distance of the contacts from the true surface where it is now. None for a
+    fixed object.
     """
     X_EO = exploration.simulated_pose
     if X_EO is None:
@@ -199,14 +200,16 @@ def motion_facts(shape: Shape, exploration: Exploration) -> dict[str, Any] | Non
     now = apply_pose(inverse_pose(X_EO), exploration.contacts.points)
     misplaced = distances_to_mesh(now, shape.mesh)[0] if len(now) else None
     losses = sum(belief.trust == "lost" for belief in beliefs)
+    found = sum(belief.joined is not None for belief in beliefs)
     return {
         "displacement": float(np.linalg.norm(moved)),
         "largest_motion": max(outcome.moved for outcome in exploration.outcomes),
         "tracked": bool(beliefs),
-        "tracking_error": None if losses else float(off.mean()),
+        "tracking_error": None if losses > found else float(off.mean()),
         "contact_error": None if misplaced is None else float(np.sqrt(np.mean(misplaced**2))),
         "repeated_probes": sum(belief.repeated for belief in beliefs),
         "losses": losses,
+        "joined": found,
     }
 
 
@@ -225,5 +228,5 @@ def motion_line(facts: dict[str, Any]) -> str:
     if repeated:
         line += f"; {repeated} probe{'s' * (repeated > 1)} repeated to track it"
     if losses:
-        line += f"; lost {losses} time{'s' * (losses > 1)}, earlier contacts dropped"
+        line += f"; lost {losses} time{'s' * (losses > 1)}, found again {facts['joined']}"
     return line

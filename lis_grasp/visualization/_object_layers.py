@@ -11,7 +11,7 @@ import trimesh
 
 from lis_grasp.contacts import HALF_SPACE, Contacts
 from lis_grasp.exceptions import counted
-from lis_grasp.exploration.probe import since_loss
+from lis_grasp.exploration.probe import present_map
 from lis_grasp.geometry import apply_pose, inverse_pose, make_pose, tangent_frame
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization import _drawing as drawing
@@ -240,7 +240,7 @@ def motion_paths(
     final pose; so is the point, `center` (3,). Outcomes before a loss of the object are left out.
     """
     recorded = [
-        o for o in since_loss(outcomes) if o.tracked is not None and o.simulated_pose is not None
+        o for o in present_map(outcomes) if o.tracked is not None and o.simulated_pose is not None
     ]
     if not recorded:
         return np.empty((0, 3)), np.empty((0, 3))

@@ -30,6 +30,7 @@ from lis_grasp.exploration.planar_motion import (
     push_of,
 )
 from lis_grasp.exploration.policy import farthest
+from lis_grasp.geometry import apply_inverse
 from lis_grasp.pipeline.scenario import workspace
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
@@ -127,13 +128,36 @@ def test_of_25_touches_five_repeat_others_unless_a_contact_could_not_be_used() -
     assert tracker.probe_again([*made[:-1], doubted]) is not None
 
 
-def test_contacts_before_a_loss_are_dropped() -> None:
-    start = PoseBelief.start()
+def test_contacts_before_a_loss_wait_until_the_object_is_found(tmp_path: Path) -> None:
+    start, X_FE = PoseBelief.start(), planar_pose(np.array([0.2, 0.1, 0.5 * np.pi]))
     before = [replace(touched_at(x), tracked=start) for x in (-0.03, -0.05, -0.07)]
+    # A contact felt in doubt, in a frame 1 mm behind that of the loss, belongs to the new map.
+    X_WE = planar_pose(np.array([-0.001, 0.0, 0.0]))
+    behind = replace(start, X_WE=X_WE, trust="doubted", count=1)
+    felt = replace(touched_at(0.201), status="blocked", tracked=replace(behind, repeated=True))
     lost = replace(touched_at(0.1), tracked=replace(start, trust="lost"))
-    exploration = Exploration.replay([*before, lost, *before[:1]])
-    np.testing.assert_array_equal(exploration.contacts.points[:, 0], [0.1, -0.03])
-    assert [touch.contacts.points[0, 0] for touch in exploration.touches] == [0.1, -0.03]
+    exploration = Exploration.replay([*before, felt, lost])
+    np.testing.assert_allclose(exploration.contacts.points[:, 0], [0.2, 0.1], atol=1e-12)
+    made_by = [touch.contacts.points[0, 0] for touch in exploration.touches]
+    assert made_by == pytest.approx([0.2, 0.1])
+    found = replace(touched_at(0.3), tracked=replace(start, trust="lost")).on_map(X_FE)
+    found = replace(found, tracked=replace(start, X_WE=X_FE, joined=X_FE))
+    log = TouchLog(tmp_path / "touches.jsonl", {})
+    for outcome in (*before, felt, lost, found):
+        log.append(outcome)
+    joined = Exploration.replay(log.read().outcomes).contacts.points
+    new = np.array([[0.2, 0.0, 0.02], [0.1, 0.0, 0.02], [0.3, 0.0, 0.02]])
+    np.testing.assert_allclose(joined[:3, 0], [-0.03, -0.05, -0.07], atol=1e-12)
+    np.testing.assert_allclose(joined[3:], apply_inverse(X_FE, new), atol=1e-12)
+
+
+def test_a_repetition_that_misses_shows_a_large_motion() -> None:
+    tracker, start = PoseTracker(), PoseBelief.start()
+    made = [replace(touched_at(x), tracked=start) for x in (-0.03, -0.05, -0.07)]
+    known, missed = Exploration.replay(made).contacts, ProbeOutcome(PROBE, "missed")
+    for repeated in (True, False):
+        outcome, _ = tracker.track(missed, made, known, None, repeated=repeated)
+        assert (outcome.tracked.trust == "doubted") is repeated
 
 
 def test_an_object_that_a_dozen_probes_miss_is_searched_again() -> None:

@@ -7,10 +7,12 @@ import pytest
 
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration import Exploration, Probe, ProbeOutcome
+from lis_grasp.exploration import Exploration, Probe, ProbeOutcome, begin
 from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.pipeline import RunConfig, Scenario
+from lis_grasp.pipeline.conditions import UNKNOWN
 from lis_grasp.pipeline.report_json import motion_facts, motion_line
+from lis_grasp.pipeline.stages import exploration_setup, make_prober, make_tracker, touch_steps
 
 BOX = shapes.build("box", 0.06)
 SCENARIO = Scenario.from_config(RunConfig(), BOX)
@@ -53,3 +55,23 @@ def test_after_a_loss_only_contacts_have_an_error() -> None:
     facts = motion_facts(BOX, explored(SHIFT, belief))
     assert facts["tracking_error"] is None
     assert "lost 1 time" in motion_line(facts)
+
+
+@pytest.mark.slow
+def test_an_object_that_was_knocked_away_is_found_on_its_map() -> None:
+    config = RunConfig("box", **{**UNKNOWN, "free": True}, mass=0.05, touches=20, seed=3)
+    scenario = Scenario.from_config(config)
+    prober, knocked = make_prober(scenario), False
+    for state in touch_steps(scenario, prober):
+        if len(state.contacts) >= 12 and not knocked:
+            knocked, X_EO = True, state.outcomes[-1].simulated_pose
+            X = planar_pose(np.array([0.0, 0.0, 1.2])) @ X_EO
+            X[:3, 3] = X_EO[:3, 3] + [0.04, -0.03, 0.0]
+            prober.place_object(X)
+    outcomes = state.outcomes
+    assert any(outcome.joined for outcome in outcomes)
+    facts = motion_facts(scenario.truth.shape, state.result)
+    assert max(facts["tracking_error"], facts["contact_error"]) < 5e-3  # of 50 mm and 70 degrees
+    # What is read from the log is the same state.
+    setup = replace(exploration_setup(scenario.known), tracker=make_tracker(scenario, prober))
+    np.testing.assert_array_equal(begin(setup, outcomes).contacts.points, state.contacts.points)

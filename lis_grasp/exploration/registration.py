@@ -1,0 +1,167 @@
+"""Registration of contacts to the estimate of an object that has moved on its table."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import trimesh
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exploration.planar_motion import displacement_rows, planar_pose
+from lis_grasp.exploration.workspace import Estimate, sample_zero_level_set
+from lis_grasp.geometry import apply_pose, inverse_pose, rotate
+from lis_grasp.typing import BoolArray, FloatArray
+
+# Standard deviations of a displacement by a hand that closed on an object or hit it: x, y [m], yaw.
+_CLOSING_MOTION = np.array([0.01, 0.01, 0.2])
+CONTACT_ERROR = 0.002
+"""Standard deviation of a contact's distance from the estimated surface [m]."""
+_ITERATIONS = 10
+# Fewer contacts do not tell where an object is; then all known ones are certain to so much [m], and
+# any other pose that is as good leaves them so close to the estimate [m].
+_ENOUGH, _CERTAIN, _ALIKE = 5, 0.005, 0.003
+# Standard deviation of a normal [rad]; length like a radian [m]; most vertical normal of a side.
+_NORMAL_ERROR, _RADIAN, _SIDE = 0.3, 0.03, 0.7
+# Samples along an estimate, contacts laid on them, and poses that follow, at most about.
+_SAMPLES, _LAID, _STARTS = 24, 4, 400
+# Squared error of an outlier, difference of squared errors that distinguishes two poses, and least
+# fraction of contacts that are so close to the estimate.
+_OUTLIER, _CLEARLY, _MOST = 16.0, 9.0, 0.8
+
+
+def register_motion(contacts: Contacts, mesh: trimesh.Trimesh) -> FloatArray:
+    """Return the planar displacement (3,) of an object on which a hand closed, or that it hit.
+
+    Gauss-Newton iterations of the most probable displacement d from the estimate. Before the
+    contacts it is normal, of 10 mm and 0.2 rad. The distances ``n . d(p)`` of the contacts from the
+    estimated surface are known to 2 mm (point-to-plane registration: Chen and Medioni 1992).
+
+    Contacts are in the frame of the estimate, whose mesh before the motion is closed.
+    """
+    displacement = np.zeros(3)
+    prior = np.diag(_CLOSING_MOTION**-2.0)
+    for _ in range(_ITERATIONS if len(contacts) else 0):
+        X = planar_pose(displacement)
+        points = apply_pose(inverse_pose(X), contacts.points)
+        nearest, _, triangles = trimesh.proximity.closest_point(mesh, points)
+        normals = mesh.face_normals[triangles]
+        distances = np.einsum("ni,ni->n", points - nearest, normals) / CONTACT_ERROR
+        rows = displacement_rows(rotate(X, nearest), rotate(X, normals)) / CONTACT_ERROR
+        gradient = rows.T @ distances - prior @ displacement
+        displacement += np.linalg.solve(prior + rows.T @ rows, gradient)
+    return displacement
+
+
+def find_displacement(
+    contacts: Contacts, surface: Estimate
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return where an object is now, of which another map is known; None if it is not certain.
+
+    The pose (4, 4) of the frame of the map, the surface that is estimated from its contacts, in
+    that of the new contacts; and the covariance (3, 3) of x, y and yaw in the map's frame.
+
+    Some contacts are laid on all samples of the estimate at their height, with like normals. From
+    there, damped Gauss-Newton iterations find the most probable displacements. The best is certain
+    if the contacts are on the estimate as exactly as both are known, if they determine the place of
+    all its contacts, and if any other displacement either is far less probable or leaves the
+    known contacts on the estimate, as a cylinder's turn does.
+    """
+    known = surface.contacts
+    if min(len(contacts), len(known)) < _ENOUGH:
+        return None
+    samples = surface.derived("samples", None, partial(_sampled, surface))
+    poses = _starts(contacts, samples)  # (H, 3), of contacts in the map
+    for _ in range(_ITERATIONS):
+        points, normals, off, deviations, *_ = _matched(planar_pose(poses), contacts, samples)
+        weights = 1.0 / (deviations**2 + off**2 / _OUTLIER)  # Geman and McClure 1987
+        rows = displacement_rows(points, normals)
+        information = np.einsum("hni,hn,hnj->hij", rows, weights, rows)
+        gradient = np.einsum("hni,hn->hi", rows, weights * off)
+        information += np.diag(_CLOSING_MOTION**-2.0)
+        steps = planar_pose(-np.linalg.solve(information, gradient[..., None])[..., 0])
+        X = steps @ planar_pose(poses)
+        poses = np.column_stack([X[:, :2, 3], np.arctan2(X[:, 1, 0], X[:, 0, 0])])
+    X = planar_pose(poses)
+    points, normals, _, deviations, errors, turned = _matched(X, contacts, samples)
+    costs = np.sum(np.minimum(errors + turned, _OUTLIER) + 2.0 * np.log(deviations), axis=1)
+    likely = np.flatnonzero(costs < costs.min(initial=np.inf) + _OUTLIER)
+    for h in likely:
+        costs[h] += _depth(apply_pose(X[h], contacts.points), known)
+        costs[h] += _depth(apply_pose(inverse_pose(X[h]), known.points), contacts)
+    if not len(likely):
+        return None
+    best = likely[np.argmin(costs[likely])]
+    on = errors[best] < _CLEARLY  # the estimate may be wrong at a few
+    rows = displacement_rows(points[best], normals[best]) / deviations[best, :, None]
+    covariance = np.asarray(np.linalg.inv(rows.T @ rows + np.eye(3)), dtype=np.float64)
+    known_rows = displacement_rows(known.points, known.normals)
+    worst = float(np.einsum("ni,ij,nj->n", known_rows, covariance, known_rows).max())
+    if on.mean() < _MOST or errors[best][on].mean() > 1.0 or worst > _CERTAIN**2:
+        return None
+    rivals = X[likely[costs[likely] < costs[best] + _CLEARLY]]
+    _, _, off, deviations, *_ = _matched(rivals @ inverse_pose(X[best]), known, samples)
+    alike = (np.mean(off**2, axis=1) < _ALIKE**2) & (np.median(deviations, axis=1) < _ALIKE)
+    return (inverse_pose(X[best]), covariance) if alike.all() else None
+
+
+def are_on(contacts: Contacts, surface: Estimate) -> BoolArray:
+    """Return which contacts (N,) are on an estimate."""
+    samples = surface.derived("samples", None, partial(_sampled, surface))
+    *_, errors, turned = _matched(np.eye(4)[None], contacts, samples)
+    return np.maximum(errors[0], turned[0]) < _CLEARLY
+
+
+_Samples = tuple[FloatArray, FloatArray, FloatArray, float, cKDTree]
+
+
+def _sampled(surface: Estimate) -> _Samples:
+    """Return points, normals, deviations of contacts, spacing, and a tree of an estimate."""
+    bounds = surface.contacts.bounds
+    extent = float(np.ptp(bounds, axis=0).max())
+    bounds = bounds + 0.25 * extent * np.array([[-1.0], [1.0]])
+    points, normals = sample_zero_level_set(surface, bounds, extent / _SAMPLES)
+    deviations = np.hypot(surface.uncertainty(points), CONTACT_ERROR)
+    tree = cKDTree(np.hstack([points, _RADIAN * normals]))
+    return points, normals, deviations, extent / _SAMPLES, tree
+
+
+def _starts(contacts: Contacts, samples: _Samples) -> FloatArray:
+    """Return displacements (H, 3) that lay a contact on a sample like it."""
+    points, normals, _, spacing, _ = samples
+    sides = np.flatnonzero(np.abs(contacts.normals[:, 2]) < _SIDE)
+    sides = sides[:: 1 + len(sides) // _LAID]
+    alike = np.abs(points[:, 2] - contacts.points[sides, None, 2]) < spacing
+    alike &= np.abs(normals[:, 2] - contacts.normals[sides, None, 2]) < _NORMAL_ERROR
+    i, j = np.nonzero(alike)
+    i, j = sides[i][:: 1 + len(i) // _STARTS], j[:: 1 + len(j) // _STARTS]
+    azimuths = (np.arctan2(n[:, 1], n[:, 0]) for n in (normals[j], contacts.normals[i]))
+    poses = np.insert(np.zeros((len(i), 2)), 2, np.subtract(*azimuths), axis=1)
+    poses[:, :2] = (points[j] - apply_pose(planar_pose(poses), contacts.points[i, None])[:, 0])[
+        :, :2
+    ]
+    return poses
+
+
+def _matched(X: FloatArray, contacts: Contacts, samples: _Samples) -> tuple[FloatArray, ...]:
+    """Return of contacts at poses (H, 4, 4) their points, and of the samples they are nearest to
+    normals, distances along these, deviations, and squared errors of position and normal."""
+    places, directions, deviations, spacing, tree = samples
+    points, normals = apply_pose(X, contacts.points), rotate(X, contacts.normals)
+    _, nearest = tree.query(np.concatenate([points, _RADIAN * normals], axis=-1))
+    offsets, cosines = points - places[nearest], np.sum(normals * directions[nearest], axis=-1)
+    off = np.sum(offsets * directions[nearest], axis=-1)
+    aside = np.linalg.norm(offsets - off[..., None] * directions[nearest], axis=-1)
+    squares = off**2 + np.maximum(aside - spacing, 0.0) ** 2
+    turned = (np.arccos(np.clip(cosines, -1.0, 1.0)) / _NORMAL_ERROR) ** 2
+    near = deviations[nearest]
+    return points, directions[nearest], off, near, squares / near**2, turned
+
+
+def _depth(points: FloatArray, others: Contacts) -> float:
+    """Return the squared errors of points (N, 3) in the free space of others, summed."""
+    depths = others.free_radii - cdist(points, others.free_points) - CONTACT_ERROR
+    errors = depths.max(axis=1, initial=0.0) / CONTACT_ERROR
+    return float(np.minimum(errors**2, _OUTLIER).sum())
