@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -65,10 +66,12 @@ class Configuration(BaseModel):
         What cannot be run is left out: mesh files that are nowhere, hands whose models are not
         installed, another version without a folder. Without places, nothing is.
         """
-        for number in range(max(part.first + part.rounds for part in self.parts.values())):
-            begun = {name: part for name, part in self.parts.items() if part.first <= number}
-            for name, part in begun.items():
-                for trial in part.round(number - part.first, places or _EVERYWHERE):
+        rounds = [
+            [[]] * part.first + part.rounds(places or _EVERYWHERE) for part in self.parts.values()
+        ]
+        for of_parts in zip_longest(*rounds, fillvalue=()):
+            for (name, part), trials in zip(self.parts.items(), of_parts, strict=True):
+                for trial in trials:
                     variants = tuple(part.variants)
                     if places is not None:
                         variants = _runnable(variants, part.experiment.facts(trial), places)
@@ -95,7 +98,7 @@ class Configuration(BaseModel):
 
     def _keyed(self, rows: Sequence[Row]) -> Iterator[tuple[Any, Row]]:
         """Yield the rows of all parts, each after its key."""
-        first = {name: next(part.round(0, _EVERYWHERE)) for name, part in self.parts.items()}
+        first = {name: part.rounds(_EVERYWHERE)[0][0] for name, part in self.parts.items()}
         for row in rows:
             if (name := row["part"]) in first:
                 yield (name, *self.parts[name].experiment.key_of(row, first[name])), row

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import Any, ClassVar, Literal
 
@@ -22,7 +23,6 @@ from lis_grasp_studies.evaluation.grasp_tables import (
     stages_table,
     ways_table,
 )
-from lis_grasp_studies.evaluation.grasps import GRASPS, GraspTrial
 from lis_grasp_studies.evaluation.part import Part, Places, group_of, interleaved
 from lis_grasp_studies.evaluation.simulators import (
     BOTH,
@@ -34,14 +34,46 @@ from lis_grasp_studies.evaluation.simulators import (
 from lis_grasp_studies.figures.palette import estimator_label
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.page import Picture
+from lis_grasp_studies.harness.rows import Job
 from lis_grasp_studies.harness.tables import Table, split, where
 from lis_grasp_studies.study.cells import difference, held_text
 from lis_grasp_studies.study.comparison import pairs_of
+from lis_grasp_studies.study.run import DRAKE, rows_of
 from lis_grasp_studies.study.tables import calibration_table, reasons_table, summary_table
-from lis_grasp_studies.study.trial import Setup, Trial
+from lis_grasp_studies.study.trial import Setup, Trial, columns_of
 
 # Objects are touched as a run does by default.
 _UNKNOWN = Setup(prober="dynamic", conditions="unknown", policy=RunConfig().policy)
+
+
+@dataclass(frozen=True, slots=True)
+class GraspTrial:
+    """One exploration, and the grasps that are planned after some of its touches."""
+
+    trial: Trial
+    """Without the numbers of touches and attempts, which are not used."""
+    budgets: str
+    """Numbers of touches, from small to large, joined by spaces: "20x3" permits three attempts."""
+
+    def facts(self) -> Row:
+        """Return the columns that identify the trial."""
+        columns = columns_of(self.trial)
+        del columns["touches"]
+        return columns | {"budgets": self.budgets}
+
+
+def measure_grasps(task: GraspTrial, estimator: str) -> list[Row]:
+    """Return the row of a study's trial for each number of touches and attempts."""
+    rows: list[Row] = []
+    for budget in task.budgets.split():
+        touches, _, attempts = budget.partition("x")
+        setup = replace(task.trial.setup, attempts=int(attempts or 1))
+        rows += rows_of(Job(replace(task.trial, touches=int(touches), setup=setup), (estimator,)))
+    return rows
+
+
+GRASPS = Experiment("grasps", measure_grasps, GraspTrial.facts, modules=(DRAKE,))
+"""The experiment; its variants are estimators, or "truth"."""
 
 
 class LiftsPart(Part):
@@ -56,18 +88,18 @@ class LiftsPart(Part):
     known: bool = False
     """Whether place, size and load are known, and the object is fixed and touched by geometry."""
 
-    @property
-    def rounds(self) -> int:
-        """Number of rounds of seeds."""
-        return len(self.hands)
-
-    def round(self, number: int, places: Places) -> Iterator[Any]:
-        """Yield the trials of a round: hands in turn, objects of all groups in turn."""
+    def rounds(self, places: Places) -> list[list[Any]]:
+        """Return the trials of each round: hands in turn, objects of all groups in turn."""
         setup = Setup() if self.known else _UNKNOWN
-        for name in places.find([name for _, name in interleaved(self.objects)]):
-            for hands in self.hands[number : number + 1]:
-                for hand, seed in hands.items():
-                    yield self.trial(Trial(name, hand, self.touches, self.noise, seed, setup))
+        names = places.find([name for _, name in interleaved(self.objects)])
+        return [
+            [
+                self.trial(Trial(name, hand, self.touches, self.noise, seed, setup))
+                for name in names
+                for hand, seed in hands.items()
+            ]
+            for hands in self.hands
+        ]
 
     def trial(self, trial: Trial) -> Any:
         """Return the trial of the experiment for a study's trial."""

@@ -50,13 +50,8 @@ class Part(BaseModel):
 
     experiment: ClassVar[Experiment]
 
-    @property
-    def rounds(self) -> int:
-        """Number of rounds of seeds."""
-        raise NotImplementedError
-
-    def round(self, number: int, places: Places) -> Iterator[Any]:
-        """Yield the trials of a round; none after the last."""
+    def rounds(self, places: Places) -> list[list[Any]]:
+        """Return the trials of each round of seeds."""
         raise NotImplementedError
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
@@ -82,16 +77,10 @@ class SeedsPart(Part):
     seeds: list[int | list[int]] = Field(min_length=1)
     """One or several for each round."""
 
-    @property
-    def rounds(self) -> int:
-        """Number of rounds of seeds."""
-        return len(self.seeds)
-
-    def round(self, number: int, places: Places) -> Iterator[Any]:
-        """Yield the trials of a round; none after the last."""
-        for seeds in self.seeds[number : number + 1]:
-            for seed in [seeds] if isinstance(seeds, int) else seeds:
-                yield from self.trials(seed, places)
+    def rounds(self, places: Places) -> list[list[Any]]:
+        """Return the trials of each round of seeds."""
+        rounds = [[seeds] if isinstance(seeds, int) else seeds for seeds in self.seeds]
+        return [[t for seed in seeds for t in self.trials(seed, places)] for seeds in rounds]
 
     def trials(self, seed: int, places: Places) -> Iterator[Any]:
         """Yield the trials of a seed."""

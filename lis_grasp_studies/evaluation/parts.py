@@ -11,8 +11,7 @@ from pydantic import Field
 
 from lis_grasp.io.json_lines import Row
 from lis_grasp_studies.contact_study.contact_sets import CASES
-from lis_grasp_studies.contact_study.lie_tables import lie_tables
-from lis_grasp_studies.contact_study.lies import DRAWS, EXPERIMENT, HARD, LieTrial
+from lis_grasp_studies.contact_study.lies import DRAWS, EXPERIMENT, HARD, LieTrial, lie_tables
 from lis_grasp_studies.contact_study.report import family_chart
 from lis_grasp_studies.contact_study.score import SURFACES, TRUTH, Box, surface_trials
 from lis_grasp_studies.contact_study.tables import (

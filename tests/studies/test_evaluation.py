@@ -23,6 +23,7 @@ from lis_grasp_studies.cli import evaluate
 from lis_grasp_studies.evaluation import commands, configuration, results
 from lis_grasp_studies.evaluation.configuration import KINDS, SHIPPED, Configuration
 from lis_grasp_studies.evaluation.exploration import ExplorationTrial, measure_exploration
+from lis_grasp_studies.evaluation.grasp_parts import GraspTrial, measure_grasps
 from lis_grasp_studies.evaluation.grasp_tables import (
     attempts_table,
     beside_table,
@@ -30,7 +31,6 @@ from lis_grasp_studies.evaluation.grasp_tables import (
     held_rate,
     ways_table,
 )
-from lis_grasp_studies.evaluation.grasps import GraspTrial, measure_grasps
 from lis_grasp_studies.evaluation.part import Places, SeedsPart, interleaved
 from lis_grasp_studies.evaluation.results import Evaluation, EvaluationResults
 from lis_grasp_studies.harness.experiment import Experiment
