@@ -25,6 +25,8 @@ _DEEP, _DEPTH = 4.0, 0.004
 # After a contradiction, the object is found when all contacts are so certain again [m], and lost
 # after so many probes; another contradiction counts as two, and soon after it was found as lost.
 _FOUND, _LOST_AFTER = 0.003, 6
+# Cosine of the angle to the normal of a contact before, beyond which a repetition met another side.
+_SAME_SIDE = 0.87
 # A place is touched again when its position is so uncertain [m], and so many times more than a
 # touch makes it.
 _UNCERTAIN, _WORTHWHILE = 0.0008, 2.0
@@ -65,8 +67,7 @@ class PoseTracker:
 
     A repeated probe far off its first contact, or free space where contacts were, shows a large
     motion: the pose becomes uncertain, and the next touches register it. If they contradict the
-    estimate too, the object has toppled or rolled away: its contacts are dropped. They also are if
-    they are few and a dozen probes in a row touch nothing.
+    estimate too, the object has toppled or rolled away, and a second map begins (`maps_of`).
 
     Parameters
     ----------
@@ -145,7 +146,9 @@ class PoseTracker:
         same = (o for o in outcomes if np.array_equal(o.probe.target, outcome.probe.target))
         places = (o.contacts.subset([0]) for o in same if repeated and len(o.contacts))
         place = next(places, None)
-        contradicted |= place is not None and outcome.status == "missed"
+        if place is not None:  # it is missed, or another side is there
+            alike = contacts.normals @ place.normals[0] > _SAME_SIDE
+            contradicted |= outcome.status == "missed" or (len(alike) > 0 and not alike.any())
         push = push_of(contacts, known) if len(contacts) else None
         usable, suspicious = True, False
         if push is not None:

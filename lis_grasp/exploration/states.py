@@ -180,10 +180,7 @@ class Exploration(Record):
 def contacts_after(
     contacts: Contacts, outcomes: Sequence[ProbeOutcome], touches: int | None
 ) -> Contacts:
-    """Return the contacts, at most `touches`, after the last outcome, given those before it.
-
-    They are those of one map: a loss begins another, which may be joined to an earlier one.
-    """
+    """Return the present map's contacts, at most `touches`, after the last outcome."""
     last = outcomes[-1]
     if last.lost or last.joined:
         return contacts_of(maps_of(outcomes)[1], outcomes, touches)
