@@ -30,8 +30,6 @@ _SAME_TARGET = 0.4
 _OFTEN = 3
 # A start equals that of a blocked probe within this distance, in steps.
 _SAME_START = 0.5
-# Free space around the path of a tip that missed: no surface is this near, in steps.
-_FREE_RADIUS = 0.2
 # Largest depth of a target in free space that a link passed, in steps.
 _IN_FREE_SPACE = 0.05
 # A line to a target passes the contacts' hull at most so far beside it, in steps.
@@ -104,9 +102,7 @@ class Targets:
         flat = is_flat(contacts, space)
         least_cosine = _FACES_ALIKE if flat else FACES_AWAY
         nearest = gaps(points, normals, contacts, least_cosine=least_cosine)
-        apart = _distances_to_misses(points, outcomes)
-        eligible = apart.min(axis=0, initial=np.inf) > _FREE_RADIUS * space.step
-        eligible &= candidates.depths_with(estimate, contacts) < _IN_FREE_SPACE * space.step
+        eligible = candidates.depths_with(estimate, contacts) < _IN_FREE_SPACE * space.step
         eligible &= space.touchable(points, normals)
         eligible &= ~_tried(candidates.targets, away, np.minimum(nearest, space.step), outcomes)
         eligible &= ~_starts_blocked(candidates.targets, away, space.step, outcomes)
@@ -176,16 +172,3 @@ def _starts_blocked(
         near, _ = tree.query(points + distance * step * away)
         blocked |= near < _SAME_START * step
     return blocked
-
-
-def _distances_to_misses(points: FloatArray, outcomes: Sequence[ProbeOutcome]) -> FloatArray:
-    """Return the points' distances to the path of each tip that missed, shape (M, P) [m]."""
-    distances = [np.empty((0, len(points)))]
-    for outcome in outcomes:
-        if outcome.status == "missed":
-            probe = outcome.probe
-            along = (points - probe.target) @ probe.direction
-            along = np.clip(along, -probe.standoff, probe.overshoot)
-            path = probe.target + along[:, None] * probe.direction
-            distances.append(np.linalg.norm(points - path, axis=1)[None])
-    return np.concatenate(distances)
