@@ -32,8 +32,9 @@ _LOG = logging.getLogger(__name__)
 CANDIDATES = 4000
 """Largest number of sampled contact sets."""
 
-# Sampling ends after this many times `count` robust grasps; ranking gains little from more.
-_ENOUGH = 3
+# Sampling ends after this many times `count` robust grasps; ranking gains little from more. Without
+# so many, bends are sampled too, unless the predicted success of one is this.
+_ENOUGH, _LIKELY = 3, 0.5
 # Contact sets per batch; the first one expects this many for each robust grasp.
 _SMALLEST_BATCH, _LARGEST_BATCH, _SETS_PER_GRASP = 50, 300, 4
 # Standard deviation of the distance between a link and the surface where both are planned [m].
@@ -133,12 +134,11 @@ class ForceClosureSampler:
                     flat = (replace(grasp, family="flat_faces") for grasp in found)
                     return replace(found, grasps=tuple(flat))
             if height < least_pinched_height(self.hand, self.prior.friction):
-                every = {"lower_than_fingertips": self.candidates}
-                return GraspSearch((), every, self.candidates)
+                return GraspSearch((), {"lower_than_fingertips": self.candidates}, self.candidates)
         rng = np.random.default_rng(rng)
         lowest = -np.inf if support_height is None else support_height + lowest_contact(self.hand)
-        radius = min(pad.radius for pad in self.hand.pads)
-        samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, pad_radius=radius)
+        tip = min(pad.radius for pad in self.hand.pads)
+        samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, pad_radius=tip)
         candidate_filter = CandidateFilter(
             self.hand,
             mesh,
@@ -151,9 +151,10 @@ class ForceClosureSampler:
         )
         search = _Search(self.hand, samples, candidate_filter, scorer, rng)
         search.draw_enough(self.candidates, count)
-        if len(search) < count:
+        first, poor = search.grasps, search.drawn >= self.candidates  # few are robust
+        if first is None or len(first) < count or (poor and _ranks(first).max() < _LIKELY):
             search.samples = SurfaceSamples(
-                mesh, lowest=lowest, rng=rng, bends=True, pad_radius=radius
+                mesh, lowest=lowest, rng=rng, bends=True, pad_radius=tip
             )
             search.draw_enough(2 * self.candidates, count)
         for search.limits in (NARROW, AT_RIMS) if "rim" in self.hand.families else (NARROW,):

@@ -463,6 +463,19 @@ def test_pads_may_press_on_straight_convex_edges() -> None:
     assert cKDTree(inner).query(both.points)[0].min() > 1e-3
 
 
+def test_bends_are_tried_too_where_grasps_of_flat_surface_are_not_likely_to_hold(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sampler_module, "_ENOUGH", 1000)  # never enough
+    drawn = []
+    for likely in (0.0, 1.0):
+        monkeypatch.setattr(sampler_module, "_LIKELY", likely)
+        search = _search(JAW, "box", candidates=60, count=2)
+        assert len(search) == 2
+        drawn.append(search.candidates)
+    assert drawn[0] < 2 * 60 <= drawn[1]
+
+
 @pytest.mark.slow
 def test_a_parallel_jaw_gripper_grasps_a_pentagon_at_an_edge() -> None:
     pentagon = shapes.build("pentagon")
