@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -209,23 +209,18 @@ class PoseBelief:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> PoseBelief:
         """Return the belief that `as_dict` wrote; `InvalidOptionError` for another shape."""
-        names = ("X_WE", "means", "covariances", "log_weights")
-        arrays = {name: np.array(values[name], dtype=np.float64) for name in names}
-        for name, shape in zip(names, ((4, 4), (-1, 3), (-1, 3, 3), (-1,)), strict=True):
-            shape = tuple(len(_SCALES) if n < 0 else n for n in shape)
-            if arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
-                required = f"finite numbers of shape {shape}"
-                raise InvalidOptionError.out_of_range(name, values[name], required)
-        doubts = int(values["doubts"])  # below 0 on probation
+        start = cls.start()
+        given = {field.name: values[field.name] for field in fields(cls) if field.name in values}
         trust: PoseTrust = "lost" if values["lost"] else "trusted"
+        doubts = int(values["doubts"])  # below 0 on probation
         if doubts:
             trust = "doubted" if doubts > 0 else "on_probation"
-        joined = values.get("joined")
-        return cls(
-            **arrays,
-            trust=trust,
-            count=abs(doubts),
-            repeated=bool(values["repeated"]),
-            suspicious=bool(values["suspicious"]),
-            joined=None if joined is None else require_pose("joined", joined),
-        )
+        for name in ("X_WE", "means", "covariances", "log_weights"):
+            shape, array = getattr(start, name).shape, np.array(given[name], dtype=np.float64)
+            if array.shape != shape or not np.isfinite(array).all():
+                required = f"finite numbers of shape {shape}"
+                raise InvalidOptionError.out_of_range(name, given[name], required)
+            given[name] = array
+        if given.get("joined") is not None:
+            given["joined"] = require_pose("joined", given["joined"])
+        return cls(**{**given, "trust": trust, "count": abs(doubts)})

@@ -60,20 +60,19 @@ def find_displacement(
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return where an object is now, of which another map is known; None if it is not certain.
 
-    The pose (4, 4) of the frame of the map, the surface that is estimated from its contacts, in
-    that of the new contacts; and the covariance (3, 3) of x, y and yaw in the map's frame.
-
-    Some contacts are laid on all samples of the estimate at their height, with like normals. From
-    there, damped Gauss-Newton iterations find the most probable displacements. The best is certain
-    if the contacts are on the estimate as exactly as both are known, if they determine the place of
-    all its contacts, and if any other displacement either is far less probable or leaves the
-    known contacts on the estimate, as a cylinder's turn does.
+    It is the pose (4, 4) of the map's frame in that of the new contacts, with the covariance (3, 3)
+    of x, y and yaw in the map's. Some contacts are laid on all samples of the estimate like them;
+    then damped Gauss-Newton iterations find the most probable displacements. The best is certain if
+    the contacts are on the estimate, if they determine the place of all its contacts, and if any
+    other is far less probable or leaves these on the estimate, as a cylinder's turn does.
     """
     known = surface.contacts
     if min(len(contacts), len(known)) < _ENOUGH:
         return None
     samples = surface.derived("samples", None, partial(_sampled, surface))
     poses = _starts(contacts, samples)  # (H, 3), of contacts in the map
+    if not len(poses):
+        return None
     for _ in range(_ITERATIONS):
         points, normals, off, deviations, *_ = _matched(planar_pose(poses), contacts, samples)
         weights = 1.0 / (deviations**2 + off**2 / _OUTLIER)  # Geman and McClure 1987
@@ -87,12 +86,10 @@ def find_displacement(
     X = planar_pose(poses)
     points, normals, _, deviations, errors, turned = _matched(X, contacts, samples)
     costs = np.sum(np.minimum(errors + turned, _OUTLIER) + 2.0 * np.log(deviations), axis=1)
-    likely = np.flatnonzero(costs < costs.min(initial=np.inf) + _OUTLIER)
+    likely = np.flatnonzero(costs < costs.min() + _OUTLIER)
     for h in likely:
         costs[h] += _depth(apply_pose(X[h], contacts.points), known)
         costs[h] += _depth(apply_pose(inverse_pose(X[h]), known.points), contacts)
-    if not len(likely):
-        return None
     best = likely[np.argmin(costs[likely])]
     on = errors[best] < _CLEARLY  # the estimate may be wrong at a few
     rows = displacement_rows(points[best], normals[best]) / deviations[best, :, None]

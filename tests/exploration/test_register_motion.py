@@ -109,3 +109,5 @@ def test_contacts_of_another_object_or_of_one_side_tell_nothing() -> None:
     one = Contacts(side + rng.uniform(-0.01, 0.01, (8, 3)) * [0, 1, 1], [[1.0, 0.0, 0.0]] * 8)
     assert find_displacement(one, estimate) is None
     assert find_displacement(contacts.subset(range(4)), estimate) is None
+    above = Contacts(one.points, [[0.0, 0.0, 1.0]] * 8)
+    assert find_displacement(above, estimate) is None
