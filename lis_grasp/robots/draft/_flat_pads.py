@@ -24,13 +24,9 @@ _FIXED_HALF_ANGLE = 0.05
 # Between the line of two pads and their axes, where a jaw is parallel to a fixed one [rad]: beyond
 # it they are moved to be opposite there.
 _ASLANT = 0.19
-# A face counts as that of a gripper within these angles: to the other pad, and over itself [rad].
-_FACING, _FLAT = 0.7, 0.1
-_LEVEL = 0.0015  # of a face's corners [m]
+_FLAT = 0.1  # angle over a face [rad]
 _OBLIQUE = 0.12  # angle to the closing direction at which a face's area counts 1/e [rad]
-_USUAL_GAP, _STEPS = 0.05, 21  # [m] at which faces are chosen, and postures that are tried
-_ALONG_GAP = 0.5  # cosine of the angle from the gap to the motion that closes it
-_OFFSET = 0.03  # by which two opposite faces may be displaced along themselves [m]
+_STEPS = 41  # postures of the motion from one end of all ranges to the other
 _COVERED = 0.0003  # by which another body may be in front of a face [m]
 _RECESSED = 0.002  # by which a body nearer to the finger's end may be in front of a face [m]
 _TIP_LENGTH = 0.04  # part of a finger, from its end, that counts as its tip [m]
@@ -39,14 +35,17 @@ _TIP_LENGTH = 0.04  # part of a finger, from its end, that counts as its tip [m]
 def fit_flat_pads(model: RobotModel, fingers: Sequence[Finger]) -> tuple[Pad, ...]:
     """Return the pads of a gripper's two fingers.
 
-    The fingers close along the motion of one tip relative to the other. The pad of each is the
-    largest flat face that looks about along it when the gap is usual for an object.
+    The fingers close along the gap between the tips. The pad of each is the largest flat face that
+    looks about along it in the middle of all ranges.
     """
-    gripper = _Gripper(model, fingers)
-    poses, towards, outwards = gripper.towards()
+    poses, towards, outwards = _ways(model, fingers)
     pads = [flat_pad(*each) for each in zip(fingers, towards, outwards, strict=True)]
+    path = np.linspace(model.lower, model.upper, _STEPS)
+    along = _poses(model, path)
+    faces = [rotate(along[pad.link], pad.axis_L) for pad in pads]
+    turned = angle_between(-faces[0], faces[1])  # (S,)
     if any(not finger.motors for finger in fingers):  # the wrist lays the fixed jaw flat
-        parallel = gripper.poses(gripper.path[np.argmin(gripper.angles(pads))])
+        parallel = _poses(model, path[np.argmin(turned)])
         first, second = _opposed(pads, poses)
         ends = [apply_pose(parallel[pad.link], pad.center_L) for pad in (first, second)]
         line = unit(ends[1] - ends[0])
@@ -54,8 +53,7 @@ def fit_flat_pads(model: RobotModel, fingers: Sequence[Finger]) -> tuple[Pad, ..
             poses = parallel
         angles = [_TURNING_HALF_ANGLE if finger.motors else _FIXED_HALF_ANGLE for finger in fingers]
     else:
-        turns = np.ptp(gripper.angles(pads)) > _FLAT
-        angles = [_TURNING_HALF_ANGLE if turns else _HALF_ANGLE] * 2
+        angles = [_TURNING_HALF_ANGLE if np.ptp(turned) > _FLAT else _HALF_ANGLE] * 2
     pads = _opposed(pads, poses)
     return tuple(replace(p, half_angle=angle) for p, angle in zip(pads, angles, strict=True))
 
@@ -65,114 +63,39 @@ def face_areas(model: RobotModel, fingers: Sequence[Finger]) -> FloatArray:
 
     An area counts less the more its face is oblique to the closing direction; 0 without a face.
     """
-    _, towards, outwards = _Gripper(model, fingers).towards()
+    _, towards, outwards = _ways(model, fingers)
     faces = [_largest_face(*each) for each in zip(fingers, towards, outwards, strict=True)]
     return np.array([0.0 if face is None else face[0] for face in faces])
 
 
-class _Gripper:
-    """Two fingers' motion: their tips, the gap between them, and its direction."""
+def _poses(model: RobotModel, q: FloatArray) -> dict[str, FloatArray]:
+    """Return the poses of all links in the base link, for joint positions (..., J)."""
+    return link_kinematics(model).poses(np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4)), q)
 
-    def __init__(self, model: RobotModel, fingers: Sequence[Finger]) -> None:
-        self._model, self._fingers = model, fingers
-        self._kinematics = link_kinematics(model)
-        poses = self.poses(0.5 * (model.lower + model.upper))
-        p_B = [apply_pose(poses[f.link], f.points_L) for f in fingers]
-        palm = link_points(model).get(model.links[0], np.zeros((1, 3)))
-        outward = np.mean([p.mean(axis=0) for p in p_B], axis=0) - palm.mean(axis=0)
-        self._outward_B = unit(outward, least=1e-9)
-        ends = [p @ self._outward_B for p in p_B]
-        self._tips = [
-            finger.points_L[end > end.max() - _TIP_LENGTH]
-            for finger, end in zip(fingers, ends, strict=True)
-        ]
 
-    def poses(self, q: FloatArray) -> dict[str, FloatArray]:
-        """Return the poses of all links in the base link, for joint positions (..., J)."""
-        return self._kinematics.poses(np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4)), q)
+def _ways(
+    model: RobotModel, fingers: Sequence[Finger]
+) -> tuple[dict[str, FloatArray], list[FloatArray], list[FloatArray]]:
+    """Return the links' poses half open; each tip's ways to the other one and outwards.
 
-    def towards(self) -> tuple[dict[str, FloatArray], list[FloatArray], list[FloatArray]]:
-        """Return the links' poses at a usual gap; each tip's ways to the other one and outwards.
-
-        The ways are unit vectors (3,) in the frames of the tips' links.
-        """
-        q = self.opened()
-        if not self.gap_vector(q).any():
-            names = " and ".join(finger.link for finger in self._fingers)
-            raise InvalidHandError(
-                f"the fingertips {names} are at one place, so that nothing fits in"
-            )
-        poses, closing = self.poses(q), self.closing_direction(q)
-        links = [poses[finger.link] for finger in self._fingers]
-        towards = [rotate_back(X, s * closing) for X, s in zip(links, (1.0, -1.0), strict=True)]
-        return poses, towards, [rotate_back(X, self._outward_B) for X in links]
-
-    def gap_vector(self, q: FloatArray) -> FloatArray:
-        """Return the vector (3,) [m] from the first tip's middle to the second's."""
-        first, second = (p.mean(axis=0) for p in self._placed_tips(q))
-        return np.asarray(second - first)
-
-    def opened(self) -> FloatArray:
-        """Return joint positions (J,) in which the gap between the tips is usual for an object.
-
-        The motors move together, each from the end of its range at which the gap is wider. A jaw
-        that closes on a fixed one is where it moves most straight along the gap.
-        """
-        low, high = self._model.lower, self._model.upper
-        middle = 0.5 * (low + high)
-        wide, narrow = low.copy(), high.copy()
-        for motor in range(len(middle)):
-            at_low, at_high = middle.copy(), middle.copy()
-            at_low[motor], at_high[motor] = low[motor], high[motor]
-            if np.linalg.norm(self.gap_vector(at_high)) > np.linalg.norm(self.gap_vector(at_low)):
-                wide[motor], narrow[motor] = high[motor], low[motor]
-        path = np.linspace(wide, narrow, _STEPS)
-        if all(finger.motors for finger in self._fingers):
-            return np.asarray(path[np.argmin([abs(self._gap(q) - _USUAL_GAP) for q in path])])
-        apart = [q for q in path if self._gap(q) > 0.0] or [wide]
-        return max(apart, key=lambda q: float(self._motion(q) @ unit(self.gap_vector(q))))
-
-    def closing_direction(self, q: FloatArray) -> FloatArray:
-        """Return the unit vector (3,) along which the first tip moves relative to the second.
-
-        It is the sum over the motors, each turned so that the gap closes. If they hardly move
-        relative to each other along the gap, it is the direction of the gap.
-        """
-        gap, closing = unit(self.gap_vector(q)), self._motion(q)
-        return closing if closing @ gap > _ALONG_GAP else gap
-
-    def _motion(self, q: FloatArray) -> FloatArray:
-        gap = unit(self.gap_vector(q))
-        total = np.zeros(3)
-        for motor in sorted({m for finger in self._fingers for m in finger.motors}):
-            step = np.zeros(len(q))
-            step[motor] = 1e-3 * (self._model.upper[motor] - self._model.lower[motor])
-            change = self.gap_vector(q - step) - self.gap_vector(q + step)
-            total += np.sign(change @ gap) * unit(change, least=1e-12)
-        return unit(total, least=1e-12)
-
-    @property
-    def path(self) -> FloatArray:
-        """Joint positions (S, J) from one end of all ranges to the other."""
-        return np.linspace(self._model.lower, self._model.upper, 2 * _STEPS - 1)
-
-    def angles(self, pads: Sequence[Pad]) -> FloatArray:
-        """Return the angle between two flat faces [rad] along the path, (S,)."""
-        poses = self.poses(self.path)
-        first, second = (rotate(poses[pad.link], pad.axis_L) for pad in pads)
-        return angle_between(-first, second)
-
-    def _gap(self, q: FloatArray) -> float:
-        line = self.gap_vector(q)
-        line = unit(line, least=1e-9)
-        first, second = (p @ line for p in self._placed_tips(q))
-        return float(second.min() - first.max())
-
-    def _placed_tips(self, q: FloatArray) -> list[FloatArray]:
-        poses = self.poses(q)
-        return [
-            apply_pose(poses[f.link], p) for p, f in zip(self._tips, self._fingers, strict=True)
-        ]
+    The ways are unit vectors (3,) in the frames of the tips' links.
+    """
+    poses = _poses(model, 0.5 * (model.lower + model.upper))
+    links = [poses[finger.link] for finger in fingers]
+    p_B = [apply_pose(X, f.points_L) for X, f in zip(links, fingers, strict=True)]
+    palm = link_points(model).get(model.links[0], np.zeros((1, 3)))
+    outward = np.mean([p.mean(axis=0) for p in p_B], axis=0) - palm.mean(axis=0)
+    outward = unit(outward, least=1e-9)
+    ends = [p @ outward for p in p_B]
+    first, second = (
+        p[end > end.max() - _TIP_LENGTH].mean(axis=0) for p, end in zip(p_B, ends, strict=True)
+    )
+    if not (second - first).any():
+        names = " and ".join(finger.link for finger in fingers)
+        raise InvalidHandError(f"the fingertips {names} are at one place, so that nothing fits in")
+    closing = unit(second - first)
+    towards = [rotate_back(X, s * closing) for X, s in zip(links, (1.0, -1.0), strict=True)]
+    return poses, towards, [rotate_back(X, outward) for X in links]
 
 
 def _opposed(pads: Sequence[Pad], poses: Mapping[str, FloatArray]) -> list[Pad]:
@@ -182,8 +105,6 @@ def _opposed(pads: Sequence[Pad], poses: Mapping[str, FloatArray]) -> list[Pad]:
     axis = unit(axes[0] - axes[1])
     offset = apply_pose(links[1], pads[1].center_L) - apply_pose(links[0], pads[0].center_L)
     across = offset - (offset @ axis) * axis
-    if np.linalg.norm(across) > _OFFSET or -axes[0] @ axes[1] < np.cos(_FACING):
-        return list(pads)
     moved = []
     for pad, X, sign in zip(pads, links, (1.0, -1.0), strict=True):
         shift = rotate_back(X, sign * 0.5 * across)
@@ -253,9 +174,8 @@ def _faces(
     areas = 0.5 * np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
     )
-    for normal in normals[normals @ towards_L > np.cos(_FACING)]:
-        heights = corners.mean(axis=1) @ normal
-        face = (normals @ normal > np.cos(_FLAT)) & (heights > heights.max() - _LEVEL)
+    for normal in normals[normals @ towards_L > 0.0]:
+        face = normals @ normal > np.cos(_FLAT)
         if areas[face].sum() > 0.0:
             middle = (areas[face] / areas[face].sum()) @ corners[face].mean(axis=1)
             angle = angle_between(normal, towards_L)

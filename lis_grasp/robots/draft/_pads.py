@@ -23,9 +23,7 @@ _TIP_LENGTH = 0.03  # part of a finger, from its end, to which the sphere is fit
 _RADII = (0.004, 0.02)  # [m]
 _PROTRUSION = 0.004  # by which the link may reach beyond the pad's sphere [m]
 _HALF_ANGLES = (0.5, 1.2)  # [rad]
-# A tip does not turn if its rotation matrix changes by less, and moves if its path is longer [m].
-_PARALLEL, _LEAST_PATH = 0.05, 0.005
-_SYMMETRIC = 0.3  # a range of motion is one-sided if one end is farther from 0 by this fraction
+_PARALLEL = 0.05  # a tip does not turn if its rotation matrix changes by less
 
 
 def fit_pads(
@@ -33,10 +31,10 @@ def fit_pads(
 ) -> tuple[Pad, ...]:
     """Return one pad for each finger; the flat faces of a gripper's two, else spheres.
 
-    A finger closes in the direction in which its last joint bends farther from 0; if both are
-    alike, towards the other fingertips in the middle of all joints' ranges; a tip that is kept
-    parallel, along its motion relative to the others. `tilts` are angles of a
-    pad's axis from that direction towards the end of the finger [rad], of which the best is taken.
+    A finger closes as its last joint bends it towards the other fingertips in the middle of all
+    joints' ranges; a tip that is kept parallel, along its motion relative to the others. `tilts`
+    are angles of a pad's axis from that direction towards the end of the finger [rad], of which the
+    best is taken.
     """
     if len(fingers) == 2:
         return fit_flat_pads(model, fingers)
@@ -52,7 +50,7 @@ def fit_pads(
         towards_L = unit(towards_L)
         slide_B = slides_B.get(i)
         if slide_B is None:
-            pads.append(round_pad(finger, *_closing(model, finger, towards_L), tilts))
+            pads.append(round_pad(finger, *_closing(finger, towards_L), tilts))
         else:
             arm_L = rotate_back(X_BL, middles_B[i] - poses[model.links[0]][:3, 3])
             slide_L = rotate_back(X_BL, slide_B)
@@ -84,7 +82,7 @@ def _slides(
     for i, path in paths.items():
         rivals = [other for j, other in paths.items() if j != i]
         relative = path - np.mean(rivals, axis=0) if rivals else path
-        if np.linalg.norm(relative) > _LEAST_PATH:
+        if relative.any():
             slides[i] = unit(relative)
     return slides
 
@@ -99,9 +97,7 @@ def _sliding(
     return closing, outward / length if length > 1e-4 else tangent_frame(closing)[0]
 
 
-def _closing(
-    model: RobotModel, finger: Finger, towards_L: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _closing(finger: Finger, towards_L: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return unit vectors in the link frame: the tip's motion when closing, and its far end."""
     joint = finger.joint
     if joint.kind == "prismatic":
@@ -114,13 +110,7 @@ def _closing(
         return sign * axis, outward
     outward = unit(reach(finger.points_L, finger.origin_L, finger.axis_L))
     motion = cross(finger.axis_L, outward)
-    ends = joint.multiplier * np.array([model.lower[joint.index], model.upper[joint.index]])
-    ends = ends + joint.offset
-    low, high = ends.min(), ends.max()
-    if abs(low + high) > _SYMMETRIC * (high - low):
-        sign = np.sign(low + high)
-    else:
-        sign = np.sign(motion @ towards_L) or 1.0
+    sign = np.sign(motion @ towards_L) or 1.0
     return sign * motion, outward
 
 

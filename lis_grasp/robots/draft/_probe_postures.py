@@ -18,13 +18,11 @@ from lis_grasp.typing import FloatArray
 
 _SAMPLES = 300  # postures of each finger
 _DIRECTIONS = 200  # in which a finger may lead
-_TRIED = 40  # directions whose posture is checked for collisions
 _LEAST_LEAD, _ENOUGH_LEAD = 0.021, 0.06  # of the tip over all else [m]
 _TIP_RADII = (0.003, 0.008)  # [m]
 _BEHIND = 0.002  # least distance of the finger's other links behind its tip [m]
 _LEVEL = 0.002  # of the foremost points of a tip [m]
-# Directions whose collisions are resolved, steps for each, and postures that are tried in a step.
-_PARTED, _PARTINGS, _CHOICES = 8, 15, 6
+_PARTED, _PARTINGS = 8, 15  # directions whose collisions are resolved, and steps for each
 
 
 def find_probe_postures(
@@ -112,7 +110,7 @@ class _Search:
         lead = np.where(fine, ahead - np.max(extents, axis=0), -np.inf)  # (S, D)
         best = lead.argmax(axis=0)
         largest = lead.max(axis=0)
-        for d in np.argsort(-np.minimum(largest, _ENOUGH_LEAD), kind="stable")[:_TRIED]:
+        for d in np.argsort(-np.minimum(largest, _ENOUGH_LEAD), kind="stable"):
             if largest[d] < _LEAST_LEAD:
                 return
             q = self._samples[finger][best[d]].copy()
@@ -142,11 +140,10 @@ class _Search:
                 other = int(rng.choice(others))
                 joints = sorted(set(self._joints[other]) - set(self._joints[finger]))
                 behind = self._folded(other, np.arange(_SAMPLES), d) < front - _LEAST_LEAD
-                tried = [q]
-                for row in rng.permutation(np.flatnonzero(behind))[:_CHOICES]:
-                    tried.append(q.copy())
-                    tried[-1][joints] = self._samples[other][row, joints]
-                q = min(tried, key=lambda each: len(checker.self_collisions(each)))
+                if behind.any():
+                    moved = q.copy()
+                    moved[joints] = self._samples[other][rng.choice(np.flatnonzero(behind)), joints]
+                    q = min(q, moved, key=lambda each: len(checker.self_collisions(each)))
         return None
 
     def _folded(self, finger: int, rows: np.ndarray, directions: np.ndarray | int) -> FloatArray:

@@ -41,8 +41,7 @@ _WRIST = 2
 _PREGRASPS = ("wide", "medium", "narrow", "tight")
 _OTHER_TILTS = ((0.25,), (0.0,))  # of pads that are tried next [rad]
 _TURNED = 0.95  # error of a pad's axis that is accepted at last (chord)
-# Parts replace a gripper's hulls if their faces are so many times the hulls', and this [m^2].
-_HIDDEN, _LEAST_FACE = 2.0, 3e-5
+_HIDDEN = 2.0  # parts replace a gripper's hulls if their faces are so many times the hulls'
 _ASIDE = 0.5  # sideways part of the approach of a hand with a fixed jaw
 _LISTED = 4  # links, or pairs of them, in a note
 # Of many hands' joints [N m or N].
@@ -174,7 +173,7 @@ class _Described:
             )
             self._edit(convex_parts=links)
             return
-        hidden = np.maximum(_HIDDEN * face_areas(self.model, self.fingers), _LEAST_FACE)
+        hidden = _HIDDEN * face_areas(self.model, self.fingers)
         if (face_areas(parts, find_fingers(parts, self._tips)) > hidden).all():
             self.notes.append(
                 "the fingers are concave and collide as several bodies, by convex_parts"
