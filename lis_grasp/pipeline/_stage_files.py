@@ -127,11 +127,11 @@ class StoredStages(Stages):
         return outcome
 
     def touch_more(
-        self, scenario: Scenario, contacts: Contacts, mesh: trimesh.Trimesh | None
+        self, scenario: Scenario, contacts: Contacts, *, moved: bool
     ) -> tuple[Scenario, Contacts, Lesson]:
         """Find the object again, and touch it some more times."""
         title = f"Touching {scenario.truth.shape.name} again"
         with self._progress.stage(title) as stage, self._watch.measure("touch"):
-            scenario, contacts, lesson = super().touch_more(scenario, contacts, mesh)
+            scenario, contacts, lesson = super().touch_more(scenario, contacts, moved=moved)
             stage.result = lesson_sentence(asdict(lesson))
         return scenario, contacts, lesson

@@ -24,7 +24,7 @@ from lis_grasp.exploration.planar_motion import (
 from lis_grasp.exploration.pose_tracking import doubted
 from lis_grasp.exploration.probe_motions import surface_probe
 from lis_grasp.exploration.registration import CONTACT_ERROR, register_motion
-from lis_grasp.geometry import inverse_pose, unit
+from lis_grasp.geometry import unit
 from lis_grasp.grasping.epsilon import robust_epsilon_on
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.closing import AcceptGrasp
@@ -78,10 +78,10 @@ class Stages:
         return lift(scenario, grasp, accept_grasp=accept_grasp, estimate=mesh)
 
     def touch_more(
-        self, scenario: Scenario, contacts: Contacts, mesh: trimesh.Trimesh | None
+        self, scenario: Scenario, contacts: Contacts, *, moved: bool
     ) -> tuple[Scenario, Contacts, Lesson]:
         """Find the object again, and touch it some more times; see `touch_more`."""
-        return touch_more(scenario, contacts, mesh)
+        return touch_more(scenario, contacts, moved=moved)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +134,7 @@ def grasp_with_tactile_check(
     stages, known = stages or Stages(), scenario.known
     failed: list[FloatArray] = []
     if _with_ends(scenario, contacts).known.load.toward:
-        scenario, contacts, _ = stages.touch_more(scenario, contacts, None)
+        scenario, contacts, _ = stages.touch_more(scenario, contacts, moved=False)
     for left in reversed(range(known.attempts)):
         scenario = _with_ends(scenario, contacts)
         mesh = stages.estimate(scenario, contacts)
@@ -154,12 +154,11 @@ def grasp_with_tactile_check(
             if last is None or last.reason not in _NEXT_GRASP or last.closed:
                 yield attempt
             return
-        sought = None
         if last is not None:
             failed += [search.grasps[attempt.rank].contact_points] * last.closed
-            scenario, contacts, sought = _learned(attempt, last)
+            scenario, contacts = _learned(attempt, last)
         felt = len(contacts) - len(attempt.contacts)
-        scenario, contacts, lesson = stages.touch_more(scenario, contacts, sought)
+        scenario, contacts, lesson = stages.touch_more(scenario, contacts, moved=last is not None)
         failed = [] if lesson.lost else failed
         yield replace(attempt, lesson=replace(lesson, felt=felt))
         if not len(contacts):
@@ -174,33 +173,30 @@ def _with_ends(scenario: Scenario, contacts: Contacts) -> Scenario:
     return replace(scenario, known=replace(known, load=replace(known.load, toward=toward)))
 
 
-def _learned(attempt: Attempt, outcome: LiftOutcome) -> tuple[Scenario, Contacts, trimesh.Trimesh]:
-    """Return scenario, contacts and estimate after an attempt, where the fingers closed."""
-    felt, mesh = outcome.measured_contacts, attempt.mesh
-    X_EF = planar_pose(register_motion(felt, mesh))
+def _learned(attempt: Attempt, outcome: LiftOutcome) -> tuple[Scenario, Contacts]:
+    """Return scenario and contacts after an attempt, where the fingers closed."""
+    felt = outcome.measured_contacts
+    X_EF = planar_pose(register_motion(felt, attempt.mesh))
     felt = replace(felt, free_radii=np.maximum(felt.free_radii - CONTACT_ERROR, 0.0))
     scenario = attempt.scenario.moved(X_EF, outcome.X_WO)
-    load = scenario.known.load_prior(mesh)
+    load = scenario.known.load_prior(attempt.mesh)
     known = replace(scenario.known, grasps=max(scenario.known.grasps, _MORE_GRASPS))
     # An object that was not lifted may be heavier: the table helped.
     if outcome.weighed is not None and (outcome.lifted or outcome.weighed > load.mass):
         load = replace(load, mass=outcome.weighed, mass_spread=0.0)
         known = replace(known, load=load, mass_by_volume=False)
-    scenario = replace(scenario, known=known)
-    mesh = mesh.copy().apply_transform(inverse_pose(X_EF))
-    return scenario, attempt.contacts.append(felt.in_frame(X_EF)), mesh
+    return replace(scenario, known=known), attempt.contacts.append(felt.in_frame(X_EF))
 
 
 def touch_more(
-    scenario: Scenario, contacts: Contacts, mesh: trimesh.Trimesh | None
+    scenario: Scenario, contacts: Contacts, *, moved: bool
 ) -> tuple[Scenario, Contacts, Lesson]:
     """Touch an object of known contacts some more times; if it has moved, find it first.
 
     An exploration is continued, of a free object, by simulated touches with forces. After a motion,
     known contacts are touched again and register the object (`PoseTracker`). If they contradict the
     contacts, it has toppled or is far away: it is explored anew, and the earlier contacts are used
-    as soon as the new ones tell where they are. `mesh`, the displaced estimate, is None if the
-    object has not moved.
+    as soon as the new ones tell where they are.
 
     Returns the scenario and all contacts in the frame of the object where it was found, and counts.
     Without contacts, it was not found.
@@ -218,7 +214,7 @@ def touch_more(
         probe = surface_probe(one.points[0], one.normals[0], space, contacts, surface, ())
         recorded.append(ProbeOutcome(probe, "touched", one))
     above = replace(recorded[0].probe, target=space.center + [0.0, 0.0, space.size])
-    X_EO, belief = scenario.truth.X_EO, PoseBelief.start() if mesh is None else doubted()
+    X_EO, belief = scenario.truth.X_EO, doubted() if moved else PoseBelief.start()
     recorded.append(ProbeOutcome(above, "blocked", simulated_pose=X_EO, tracked=belief))
     is_free = replace(scenario, config=replace(scenario.config, prober="dynamic", free=True))
     prober = make_prober(is_free, recorded)
@@ -229,15 +225,14 @@ def touch_more(
         last, probes = state.outcomes[-1], len(state.outcomes) - len(recorded)
         if last.lost or last.joined:
             wanted, lost = (known.touches if last.lost else 0), last.lost
-        is_sought = last.tracked is not None and last.tracked.trust == "doubted"
-        made = len(state.contacts) >= wanted and not is_sought
+        made = len(state.contacts) >= wanted and not last.doubted
         if made or probes >= _PROBES_PER_TOUCH * (known.touches if lost else 2 * _MORE_TOUCHES):
             break
     X_EF = np.eye(4) if last.tracked is None else last.tracked.X_WE
     scenario, found = scenario.after(state.result), state.known
     touched = len(found) - (0 if lost else len(contacts))
-    moved = float(np.linalg.norm(X_EF[:3, 3]))
-    return scenario, found, Lesson(0, touched, probes, moved, lost)
+    distance = float(np.linalg.norm(X_EF[:3, 3]))
+    return scenario, found, Lesson(0, touched, probes, distance, lost)
 
 
 def _tactile_check(
