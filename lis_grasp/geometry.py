@@ -189,3 +189,26 @@ def frame_along(z: FloatArray, x: FloatArray) -> FloatArray:
     """
     first = unit(x - (x @ z) * z)
     return np.column_stack([first, cross(z, first), z])
+
+
+def hull_crossing(
+    equations: FloatArray, points: FloatArray, directions: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return where lines enter and leave a convex hull with outward equations (S, 4) [m].
+
+    Both results have the shape of points (..., 3) and directions (..., 3) without the last:
+    distances along the direction. A line that misses the hull enters it at infinity. (Clipping of
+    a line by half-spaces: Cyrus and Beck 1978.)
+
+    >>> cube = np.column_stack([np.vstack([np.eye(3), -np.eye(3)]), np.full(6, -1.0)])
+    >>> [float(at) for at in hull_crossing(cube, np.array([-3.0, 0.0, 0.0]), np.eye(3)[0])]
+    [2.0, 4.0]
+    """
+    heights = points @ equations[:, :3].T + equations[:, 3]  # (..., S): outside if positive
+    slopes = directions @ equations[:, :3].T
+    parallel = np.abs(slopes) < 1e-12
+    at = -heights / np.where(parallel, 1.0, slopes)
+    enter = np.where(slopes < 0.0, at, -np.inf)
+    enter = np.where(parallel, np.where(heights > 0.0, np.inf, -np.inf), enter).max(axis=-1)
+    leave = np.where((slopes > 0.0) & ~parallel, at, np.inf).min(axis=-1)
+    return np.where(enter <= leave, enter, np.inf), leave

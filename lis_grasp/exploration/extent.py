@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -163,19 +163,17 @@ def open_ends(space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOutc
     return ", ".join(str(end) for end in ends_of(space, contacts, since) if end.is_open)
 
 
-def free_beyond(
-    space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOutcome]
-) -> tuple[FloatArray, FloatArray]:
-    """Return what is free beyond closed ends: balls with centres (K, 3) and radii (K,) [m].
+def free_beyond(space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> Contacts:
+    """Return what is free beyond closed ends: no contacts, but balls as large as half-spaces.
 
-    Only ends that an inward motion touched count: the normal of a shoulder faces out, too. The
-    balls are so large that they are half-spaces. Arguments are those of `open_ends`.
+    Only ends that an inward motion touched count: the normal of a shoulder faces out, too.
+    Arguments are those of `open_ends`.
     """
-    since = since_first_contact(outcomes)
-    ends = ends_of(space, contacts, since) if since and len(contacts) else ()
+    ends = ends_of(space, contacts, since_first_contact(outcomes)) if len(contacts) else ()
     closed = [end for end in ends if end.is_closed and any(len(o.contacts) for o in end.tried)]
     centers = [end.extreme + (_CLEAR + HALF_SPACE) * end.out for end in closed]
-    return np.reshape(centers, (-1, 3)), np.full(len(closed), HALF_SPACE)
+    radii = np.full(len(closed), HALF_SPACE)
+    return replace(Contacts.empty(), free_points=np.reshape(centers, (-1, 3)), free_radii=radii)
 
 
 def unseen_ends(space: Workspace, contacts: Contacts) -> tuple[End, ...]:

@@ -249,8 +249,7 @@ def end(setup: ExplorationSetup, state: ExplorationState, reason: str) -> Explor
     if not isinstance(setup.space, Region) or len(state.prior):
         return replace(state, ended=reason)
     space = setup.space.fitted_to(state.contacts)
-    points, radii = free_beyond(space, state.contacts, present_map(state.outcomes))
-    free = replace(Contacts.empty(), free_points=points, free_radii=radii)
+    free = free_beyond(space, state.contacts, present_map(state.outcomes))
     return replace(state, ended=reason, contacts=state.contacts.append(free))
 
 

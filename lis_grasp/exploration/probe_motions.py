@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -11,7 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import Workspace
-from lis_grasp.geometry import cross, unit
+from lis_grasp.geometry import cross, hull_crossing, unit
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -126,9 +125,9 @@ def surface_probe(
             retreat = away * [1.0, 1.0, 0.0]
         retreat = retreats(target[None], retreat[None], space, contacts, surface)[0]
         target = level_targets(target, retreat, space)
-    overshoot, hull = _OVERSHOOT * space.step, ContactHull.of(contacts)
+    overshoot, hull = _OVERSHOOT * space.step, contact_hull(contacts)
     if hull is not None:
-        enter, leave = hull.crossing(target, -retreat)
+        enter, leave = hull_crossing(hull, target, -retreat)
         if np.isfinite(enter):
             overshoot = max(overshoot, float(leave))
     return Probe(target, -retreat, space.step, overshoot)
@@ -205,10 +204,9 @@ def _bridged_points(
     the contacts' convex hull, because the estimate is extrapolated outside.
     """
     points, directions = _tip_path(outcomes[-_RECENT:], step)
-    hull = ContactHull.of(contacts)
-    if hull is None:
+    sides = contact_hull(contacts)
+    if sides is None:
         return points[:0], directions[:0]
-    sides = hull.equations
     within = np.all(points @ sides[:, :3].T + sides[:, 3] < -_SPACING * step, axis=1)
     points, directions = points[within], directions[within]
     inside = surface.evaluate(points) < 0.0
@@ -231,40 +229,13 @@ def _tip_path(outcomes: Sequence[ProbeOutcome], step: float) -> tuple[FloatArray
     return np.concatenate(points), np.concatenate(directions)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ContactHull:
-    """Convex hull of contacts: a convex object contains it, any other object crosses it.
+def contact_hull(contacts: Contacts) -> FloatArray | None:
+    """Return outward normals and offsets (S, 4) of the contacts' hull; None if they are in a plane.
 
-    A line through it is likely to meet the object; a line beside it meets surface that is
-    extrapolated.
+    A convex object contains it, any other crosses it: a line through it is likely to meet the
+    object. A line beside it meets surface that is extrapolated.
     """
-
-    equations: FloatArray  # (S, 4): unit outward normal and offset of each facet
-
-    @classmethod
-    def of(cls, contacts: Contacts) -> ContactHull | None:
-        """Return the hull; None of fewer than four contacts, or of contacts in one plane."""
-        try:
-            hull = ConvexHull(contacts.points)
-        except (QhullError, ValueError):
-            return None
-        return cls(hull.equations)
-
-    def crossing(
-        self, points: FloatArray, directions: FloatArray, *, margin: float = 0.0
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return where lines enter and leave the hull, grown by a margin [m].
-
-        Points (..., 3) [m] and unit directions (..., 3), in O. Both results have shape (...) [m]:
-        distances from the point along its direction. A line that misses the hull enters it at
-        infinity. (Clipping of a line by half-spaces: Cyrus and Beck 1978.)
-        """
-        normals, offsets = self.equations[:, :3], self.equations[:, 3] - margin
-        heights = points @ normals.T + offsets  # (..., S): outside of a facet if positive
-        slopes = directions @ normals.T
-        parallel = np.abs(slopes) < 1e-12
-        at = -heights / np.where(parallel, 1.0, slopes)
-        enter = np.where(slopes < 0.0, at, -np.inf)
-        enter = np.where(parallel, np.where(heights > 0.0, np.inf, -np.inf), enter).max(axis=-1)
-        leave = np.where((slopes > 0.0) & ~parallel, at, np.inf).min(axis=-1)
-        return np.where(enter <= leave, enter, np.inf), leave
+    try:
+        return np.asarray(ConvexHull(contacts.points).equations)
+    except (QhullError, ValueError):
+        return None

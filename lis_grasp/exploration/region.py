@@ -125,19 +125,17 @@ class PlaceBelief:
     weights: FloatArray  # (K,), their sum is 1 before any free space is known
 
     @classmethod
-    def of(cls, region: Region, free_points: FloatArray, free_radii: FloatArray) -> PlaceBelief:
-        """Return the belief after free balls, centres (F, 3) in W and radii (F,) [m]."""
-        usual = cls._of(region, free_points, free_radii, _KINDS)
-        return usual if len(usual.weights) else cls._of(region, free_points, free_radii, _THIN)
-
-    @classmethod
-    def _of(
+    def of(
         cls,
         region: Region,
         free_points: FloatArray,
         free_radii: FloatArray,
-        kinds: Sequence[tuple[float, float, float]],
+        kinds: Sequence[tuple[float, float, float]] = _KINDS,
     ) -> PlaceBelief:
+        """Return the belief after free balls, centres (F, 3) in W and radii (F,) [m].
+
+        If no place of these kinds is left, thin ones are sought.
+        """
         low, high = region.bounds
         parts = []
         for radius, height, probability in kinds:
@@ -147,6 +145,8 @@ class PlaceBelief:
             left = ~_overlapped(centers, radius, height, free_points, free_radii)
             parts.append(np.hstack([centers, kind])[left])
         centers, *columns = np.split(np.concatenate(parts), [2, 3, 4], axis=1)
+        if not len(centers) and kinds is not _THIN:
+            return cls.of(region, free_points, free_radii, _THIN)
         return cls(np.ascontiguousarray(centers), *(column[:, 0].copy() for column in columns))
 
     def met_by(self, probe: Probe, tip_radius: float) -> float:

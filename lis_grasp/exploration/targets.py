@@ -13,12 +13,13 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import ProbeOutcome
 from lis_grasp.exploration.probe_motions import (
     SAME_DIRECTION,
-    ContactHull,
+    contact_hull,
     is_flat,
     level_targets,
     retreats,
 )
 from lis_grasp.exploration.workspace import Estimate, Workspace, as_estimate
+from lis_grasp.geometry import hull_crossing
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space
 from lis_grasp.surfaces.contact_places import box_lengths
@@ -118,10 +119,10 @@ def _meets_hull(
     points: FloatArray, normals: FloatArray, contacts: Contacts, margin: float
 ) -> BoolArray:
     """Return which probes of points, shape (P,), pass the hull of the contacts on their way."""
-    hull = ContactHull.of(contacts)
+    hull = contact_hull(contacts)
     if hull is None:
         return np.ones(len(points), dtype=np.bool_)
-    enter, leave = hull.crossing(points, -normals, margin=margin)
+    enter, leave = hull_crossing(hull - [0.0, 0.0, 0.0, margin], points, -normals)
     return np.isfinite(enter) & (leave > 0.0)
 
 

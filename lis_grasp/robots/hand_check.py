@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from lis_grasp.geometry import apply_pose, rotate
+from lis_grasp.geometry import apply_pose, hull_crossing, rotate
 from lis_grasp.io.yaml_files import is_plain_text
 from lis_grasp.robots.collision import checker_of
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.inertias import RULE, impossible_inertias
-from lis_grasp.robots.link_bodies import crossing, points_of_bodies
+from lis_grasp.robots.link_bodies import points_of_bodies
 from lis_grasp.robots.robot_model import Pad, ProbePosture, RobotModel
 from lis_grasp.typing import FloatArray
 
@@ -263,7 +263,7 @@ def _height_over(hand: Hand, links: dict[str, FloatArray], pad: Pad, axis: Float
     ]
     counted = []
     for points in bodies:
-        enters, leaves = crossing(ConvexHull(points).equations, middle, axis)
+        enters, leaves = hull_crossing(ConvexHull(points).equations, middle, axis)
         if (points.mean(axis=0) - middle) @ hand.approach_H > 0.0 or enters <= leaves:
             counted.append(points)
     return max((float((points @ axis).max()) for points in counted or bodies), default=-np.inf)

@@ -27,7 +27,6 @@ LARGEST = 1e3
 _MOST_VERTICES = 200  # of a mesh's convex hull
 _LEAST_HEIGHT = 2e-5  # of a triangle of a hull [m]
 _FORMATS = (".obj", ".stl", ".dae", ".ply", ".gltf", ".glb", ".off", ".3mf")
-_PARALLEL = 1e-9  # cosine between a line and a face's normal
 _SMALLEST = 1e-6  # size of a body [m]
 _BALL_SPACING = 1.0  # between balls of a long link, in radii
 
@@ -116,21 +115,6 @@ def points_of_bodies(bodies: Sequence[LinkGeometry], link: str) -> FloatArray:
     """Return all vertices of the bodies of a link, shape (N, 3) [m], in the link frame."""
     own = [apply_pose(b.X_LG, np.asarray(b.mesh.vertices)) for b in bodies if b.link == link]
     return np.vstack([np.empty((0, 3)), *own])
-
-
-def crossing(equations: FloatArray, point: FloatArray, axis: FloatArray) -> tuple[float, float]:
-    """Return where a line from a point (3,) along an axis enters and leaves a convex body [m].
-
-    The body is that of the outward `equations` (K, 4) of a hull. A line that misses it enters after
-    it leaves.
-    """
-    slopes = equations[:, :3] @ axis
-    heights = -(equations[:, :3] @ point + equations[:, 3])  # inside: slope * t <= height
-    out, into = slopes > _PARALLEL, slopes < -_PARALLEL
-    if (heights[~out & ~into] < 0.0).any():
-        return np.inf, -np.inf
-    enters = (heights[into] / slopes[into]).max(initial=-np.inf)
-    return float(enters), float((heights[out] / slopes[out]).min(initial=np.inf))
 
 
 def convex_body(link: str, X_LG: FloatArray, mesh: trimesh.Trimesh) -> LinkGeometry | None:

@@ -26,10 +26,11 @@ from lis_grasp.exploration.policy import (
     uniform,
 )
 from lis_grasp.exploration.probe_motions import (
-    ContactHull,
+    contact_hull,
     surface_probe,
 )
 from lis_grasp.exploration.targets import Targets
+from lis_grasp.geometry import hull_crossing
 from lis_grasp.pipeline.scenario import workspace
 from lis_grasp.pipeline.stages import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
@@ -126,12 +127,12 @@ def test_the_felt_step_is_that_of_the_ball_of_the_same_area(factor: float) -> No
 
 def test_lines_cross_the_hull_where_they_cross_the_box() -> None:
     mesh = bar((0.3, 0.025, 0.025), (0.3, 0.5, 0.7))
-    hull = ContactHull.of(corners_and_middles(mesh))
+    hull = contact_hull(corners_and_middles(mesh))
     rng = np.random.default_rng(0)
     starts = 0.3 * rng.normal(size=(200, 3))
     directions = 0.05 * rng.normal(size=(200, 3)) - starts
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    enter, leave = hull.crossing(starts, directions)
+    enter, leave = hull_crossing(hull, starts, directions)
     along = np.linspace(-1.5, 1.5, 6001)[:, None, None]
     inside = hull_contains(mesh, starts + along * directions)  # (6001, 200)
     crosses = inside.any(axis=0)

@@ -9,11 +9,18 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from lis_grasp.exceptions import InvalidHandError
-from lis_grasp.geometry import angle_between, apply_inverse, apply_pose, rotate, rotate_back, unit
+from lis_grasp.geometry import (
+    angle_between,
+    apply_inverse,
+    apply_pose,
+    hull_crossing,
+    rotate,
+    rotate_back,
+    unit,
+)
 from lis_grasp.records import read_only
 from lis_grasp.robots.draft._structure import Finger, FingerBody, link_points
 from lis_grasp.robots.kinematics import link_kinematics
-from lis_grasp.robots.link_bodies import crossing
 from lis_grasp.robots.robot_model import Pad, RobotModel
 from lis_grasp.typing import FloatArray
 
@@ -145,7 +152,7 @@ def _largest_face(
         others = [other.points_L for other in finger.bodies if other is not body]
         hulls = [ConvexHull(p_L) for p_L in others]
         for area, axis, center in _faces(body.points_L, towards_L):
-            ways = (crossing(hull.equations, center, axis) for hull in hulls)
+            ways = (hull_crossing(hull.equations, center, axis) for hull in hulls)
             if any(enters < leaves > _COVERED for enters, leaves in ways):
                 continue
             if best is None or area > best[0]:
