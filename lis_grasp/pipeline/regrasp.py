@@ -92,7 +92,7 @@ class Lesson:
     touched: int  #: contacts by touches after it; all that are known, if the object was lost
     probes: int  #: of these touches
     moved: float  #: where the object was found: the displacement of its frame [m]
-    lost: bool  #: whether it was found somewhere else, so that earlier contacts are dropped
+    lost: bool  #: whether it was found somewhere else, earlier contacts unused
 
 
 @dataclass(frozen=True, slots=True, eq=False)
