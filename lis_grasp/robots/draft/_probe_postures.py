@@ -20,7 +20,6 @@ _SAMPLES = 300  # postures of each finger
 _DIRECTIONS = 200  # in which a finger may lead
 _LEAST_LEAD, _ENOUGH_LEAD = 0.021, 0.06  # of the tip over all else [m]
 _TIP_RADII = (0.003, 0.008)  # [m]
-_BEHIND = 0.002  # least distance of the finger's other links behind its tip [m]
 _LEVEL = 0.002  # of the foremost points of a tip [m]
 _PARTED, _PARTINGS = 8, 15  # directions whose collisions are resolved, and steps for each
 
@@ -30,8 +29,8 @@ def find_probe_postures(
 ) -> dict[str, ProbePosture]:
     """Return a posture by the name of the leading finger, for each finger that can lead.
 
-    For each direction, a finger takes the sampled posture in which its tip is foremost and the rest
-    of it behind, and every other finger the one in which it is farthest back. Of the directions
+    For each direction, a finger takes the sampled posture in which its tip is foremost, and every
+    other finger the one in which it is farthest back. Of the directions
     with the largest lead the first without a collision is chosen. If all have one, fingers that
     collide take other sampled postures at random, one after the other, until none does (the
     min-conflicts heuristic; Minton et al., 1992).
@@ -88,8 +87,6 @@ class _Search:
         hand, own = self._hand, self._extents[finger]
         tips = self._group(hand.pads[finger].link)
         ahead = np.max([own[link] for link in own if link in tips], axis=0)  # (S, D)
-        behind = [own[link] for link in own if link not in tips]
-        fine = np.all([extent < ahead - _BEHIND for extent in behind] or [ahead == ahead], axis=0)
         free = {
             other: sorted(set(self._joints[other]) - set(self._joints[finger]))
             for other in range(len(hand.pads))
@@ -107,7 +104,7 @@ class _Search:
             np.broadcast_to(self._folded(other, rows, np.arange(_DIRECTIONS)), ahead.shape)
             for other, rows in folded.items()
         ]
-        lead = np.where(fine, ahead - np.max(extents, axis=0), -np.inf)  # (S, D)
+        lead = ahead - np.max(extents, axis=0)  # (S, D)
         best = lead.argmax(axis=0)
         largest = lead.max(axis=0)
         for d in np.argsort(-np.minimum(largest, _ENOUGH_LEAD), kind="stable"):

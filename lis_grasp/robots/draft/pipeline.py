@@ -48,7 +48,7 @@ _LISTED = 4  # links, or pairs of them, in a note
 _USUAL_EFFORT = {"revolute": 1.0, "continuous": 1.0, "prismatic": 40.0}
 _USED = 0.9  # fraction of an effort that a finger's force may need
 # Of one finger [N]: files often give more than a robot uses.
-_LEAST_FORCE, _MOST_FORCE = 1.0, {"multi_finger": 10.0, "parallel_jaw": 40.0}
+_MOST_FORCE = {"multi_finger": 10.0, "parallel_jaw": 40.0}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +112,7 @@ def draft_hand(
         if silent:
             described.notes.append(f"no probe posture was found for {', '.join(silent)}")
         held = _USED * float(forces_along_pads(hand).min())  # by the motors
-        force = float(np.clip(held, _LEAST_FORCE, _MOST_FORCE[hand.kind]))
+        force = min(held, _MOST_FORCE[hand.kind])
         hand = replace(hand, max_contact_force=float(f"{force:.2g}"))
         return HandDraft(hand, edits, tuple(described.notes))
 
