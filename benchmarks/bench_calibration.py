@@ -30,7 +30,7 @@ from scipy.stats import mannwhitneyu
 from lis_grasp import Grasp, Hand, shapes
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.grasping.grasp_batch import GraspBatch
-from lis_grasp.grasping.grasp_ranking import SUCCESS_MODEL, GraspScorer
+from lis_grasp.grasping.grasp_quality import SUCCESS_MODEL, GraspScorer
 from lis_grasp.grasping.grasps import LoadPrior
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.known import UNKNOWN_LOAD

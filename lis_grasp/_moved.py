@@ -34,6 +34,7 @@ _PLACES = {
     "exploration.contacts_from_log": "lis_grasp.logs.contacts_from_log",
     "exploration.open_log": "lis_grasp.logs.open_log",
     "grasping.isaac_grasps": "lis_grasp.grasping.export",
+    "grasping.grasp_ranking": "lis_grasp.grasping.grasp_quality",
     "hands": (
         "lis_grasp.robots, in which hand_mjcf is mjcf and hand_schema is schema; Hand itself is"
         " lis_grasp.Hand, and the names are lis_grasp.robots.shipped_models.HAND_NAMES"

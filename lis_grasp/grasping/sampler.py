@@ -20,7 +20,7 @@ from lis_grasp.grasping._antipodal_sampling import AT_RIMS, NARROW, USUAL, sampl
 from lis_grasp.grasping._candidate_filter import CandidateFilter, lowest_contact
 from lis_grasp.grasping._contact_samples import SurfaceSamples
 from lis_grasp.grasping.grasp_batch import GraspBatch
-from lis_grasp.grasping.grasp_ranking import GraspScorer
+from lis_grasp.grasping.grasp_quality import GraspScorer
 from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
 from lis_grasp.grasping.hand_capacity import least_pinched_height
 from lis_grasp.robots.hand import Hand

@@ -7,7 +7,7 @@ import trimesh
 from lis_grasp import ForceClosureSampler, Hand
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.contact_wrenches import ContactModel, WrenchModel
-from lis_grasp.grasping.grasp_ranking import load_probability, shape_probability
+from lis_grasp.grasping.grasp_quality import load_probability, shape_probability
 from lis_grasp.grasping.grasps import LoadPrior
 from lis_grasp.grasping.hand_capacity import EFFORT_FRACTION, grip_fraction
 

@@ -15,7 +15,7 @@ from lis_grasp.grasping.contact_wrenches import inertial_metric, wrench_model
 from lis_grasp.grasping.epsilon import ROBUST_FRACTION
 from lis_grasp.grasping.force_closure import is_force_closure
 from lis_grasp.grasping.grasp_batch import GraspBatch
-from lis_grasp.grasping.grasp_ranking import GraspScorer
+from lis_grasp.grasping.grasp_quality import GraspScorer
 from lis_grasp.grasping.grasps import Grasp, LoadPrior
 from lis_grasp.grasping.hand_capacity import least_pinched_height
 from lis_grasp.grasping.inverse_kinematics import solve_ik

@@ -16,7 +16,7 @@ from lis_grasp.grasping._antipodal_sampling import sample_contact_sets
 from lis_grasp.grasping._candidate_filter import CandidateFilter
 from lis_grasp.grasping._contact_samples import SurfaceSamples
 from lis_grasp.grasping.grasp_batch import GraspBatch
-from lis_grasp.grasping.grasp_ranking import GraspScorer
+from lis_grasp.grasping.grasp_quality import GraspScorer
 from lis_grasp.grasping.grasps import LoadPrior
 from lis_grasp.grasping.sampler import perturb_grasps
 from lis_grasp.robots.collision import HandCollisionChecker

@@ -1,4 +1,4 @@
-"""Grasp ranking: quality values of grasp candidates and their predicted success probability."""
+"""Grasp quality: quality values of candidates, their predicted success probability, ranking."""
 
 from __future__ import annotations
 
@@ -38,7 +38,6 @@ from lis_grasp.typing import FloatArray, IndexArray
 _COARSE = 0.05
 # Loads are carried at this fraction of the friction.
 _LOADED_FRACTION = 0.75
-
 
 SUCCESS_MODEL = json.loads(Path(__file__).with_name("success_model.json").read_text("utf-8"))
 """Constants of the model, and what they were fitted to."""
