@@ -59,12 +59,13 @@ class GraspAndLift(LeafSystem):
         q = self._state.Eval(context)
         X0 = self._X.Eval(context)
         away = X_WG @ RigidTransform([0.0, 0.0, -0.15])  # the hand approaches along its z
+        up = RigidTransform(X0.rotation(), np.append(X0.translation()[:2], 0.45))
         high = RigidTransform(X0.rotation(), np.append(away.translation()[:2], 0.45))
         above = RigidTransform(away.rotation(), high.translation())
         lifted = RigidTransform(X_WG.rotation(), X_WG.translation() + [0.0, 0.0, 0.15])
-        poses = [X0, high, above, away, X_WG, X_WG, lifted]
+        poses = [X0, up, high, above, away, X_WG, X_WG, lifted]  # the last probe ended beside it
         start = context.get_time()
-        path = PiecewisePose.MakeLinear([0.0, 1.0, 2.0, 3.0, 5.0, 6.0, self.DURATION], poses)
+        path = PiecewisePose.MakeLinear([0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 6.0, self.DURATION], poses)
         state.get_mutable_abstract_state(0).set_value((start, path, q[: len(q) // 2], vectors))
         return EventStatus.Succeeded()
 
