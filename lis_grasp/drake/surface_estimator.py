@@ -21,7 +21,7 @@ from lis_grasp.pipeline import Perception
 from lis_grasp.pipeline.stages import make_estimator
 from lis_grasp.records import Record
 from lis_grasp.surfaces import Estimator, ImplicitSurface
-from lis_grasp.surfaces import estimate as estimate_surface
+from lis_grasp.surfaces.carved_implicit_surface import above_table, carved
 
 _DRAWN_EVERY = 0.25  # [s] of simulated time
 
@@ -42,16 +42,10 @@ class Estimate(Record):
     @cached_property
     def surface(self) -> ImplicitSurface | None:
         """The surface without free space, above the table; None without contacts."""
-        known, estimated = self.perception, self.estimated
-        if estimated is None:
-            return None
-        return estimate_surface(
-            self.contacts,
-            lambda contacts: estimated,
-            free_space=known.free_space,
-            margin=known.sensor.free_margin,
-            table=known.table,
-        )
+        known, surface = self.perception, self.estimated
+        if surface is not None and known.free_space:
+            surface = carved(surface, self.contacts, margin=known.sensor.free_margin)
+        return None if surface is None else above_table(surface, known.table)
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh | None:

@@ -22,6 +22,7 @@ BOX = trimesh.creation.box([0.06, 0.08, 0.12])
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("error::lis_grasp.exceptions.LisGraspWarning")  # estimates grow
 def test_a_free_box_is_explored_grasped_and_lifted_in_one_simulation() -> None:
     own = OwnDiagram(obj=BOX, free=True, explorer={"touches": 14}, lifts=True)
     simulator = own.build()
