@@ -46,7 +46,7 @@ def execute(options: argparse.Namespace) -> None:
     )
     say(
         f"untouched: {100 * guessed:.0f} % of the surface is more than {1e3 * near:.2g} mm from any"
-        " contact on its side; bulges and hollows there are guesses"
+        " contact on its side; bulges and concavities there are unknown"
     )
     say(f"wrote {made.path}" + (", contacts.ply" if made.has_new_contacts else ""))
     say(f"next: lis-grasp grasp {made.path}")

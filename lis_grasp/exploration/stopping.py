@@ -16,14 +16,15 @@ from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.targets import gaps
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.surfaces.estimators import FEW_CONTACTS
 from lis_grasp.typing import FloatArray
 
 StopRule = Callable[[Contacts, ImplicitSurface, Sequence[ProbeOutcome]], "str | None"]
 """Returns the reason to stop, or None to continue, from contacts, estimate and outcomes."""
 
-# Contacts from which a grasp is planned, and after how many more another one.
-_FEW, _EVERY = 10, 2
-_NONE_PLANNED = _FEW - _EVERY
+# After how many more contacts another grasp is planned.
+_EVERY = 2
+_NONE_PLANNED = FEW_CONTACTS - _EVERY
 # Quantile of the surface that has to be certain: the rest is extrapolated out of the workspace.
 _CERTAIN_QUANTILE = 0.95
 

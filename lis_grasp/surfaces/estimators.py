@@ -40,8 +40,9 @@ ESTIMATORS: Mapping[str, Estimator] = MappingProxyType(
 ESTIMATOR_NAMES = Registry("estimator", ESTIMATORS)
 """Surface estimators: a class with `from_contacts`, or a function of contacts."""
 
-# Fewer contacts show hardly more than position and size: a run plans no grasp on them either.
-_FEW = 10
+FEW_CONTACTS = 10
+"""Contacts below which hardly more than position and size of an object is known."""
+
 _MEMBERS = ("evaluate", "gradient", "uncertainty", "bounds")
 
 
@@ -175,11 +176,11 @@ def few_contacts(contacts: Contacts) -> str:
     places = len(np.unique(contacts.points, axis=0))
     if places == 1:
         return "contacts at one place show no size of an object: that of the estimate is arbitrary"
-    if not 0 < places < _FEW:
+    if not 0 < places < FEW_CONTACTS:
         return ""
     return (
-        f"fewer than {_FEW} contacts at different places show little more than position and size"
-        " of an object, and the standard deviation is too small"
+        f"fewer than {FEW_CONTACTS} contacts at different places show little more than position"
+        " and size of an object, and the standard deviation is too small"
     )
 
 
