@@ -22,7 +22,7 @@ TOUCH = (
     *("hand", "estimator", "prober", "fingers", "mass", "friction", "policy"),
     *("until_success", "until_coverage", "until_uncertainty", "max_seconds"),
     *("position_noise", "normal_noise", "force_threshold", "taxel_pitch"),
-    *("cloud", "keep_all", "touches", "seed", "arm", "base"),
+    *("cloud", "keep_all", "touches", "slide", "seed", "arm", "base"),
 )
 """Options of an exploration, beside its object."""
 

@@ -21,8 +21,10 @@ from lis_grasp.exploration.states import (
     NextProbe,
     contacts_after,
     contacts_of,
+    touches_of,
 )
 from lis_grasp.exploration.stopping import StopRuleWithMemory
+from lis_grasp.exploration.targets import choose_slide
 from lis_grasp.exploration.workspace import Estimate, ObstacleModel
 from lis_grasp.geometry import inverse_pose
 from lis_grasp.surfaces.implicit_surface import DeferredSurface
@@ -156,7 +158,11 @@ def choose(
         return f"the policy has no probe left{_not_found(setup, state)}"
     if setup.space is None:
         return NextProbe(probe, None)
-    return NextProbe(probe, ObstacleModel(setup.space.grown(known), known, state.surface))
+    space = setup.space.grown(known)
+    if setup.slide and setup.tracker is None:
+        slide = choose_slide(probe, setup.slide, space, known, state.estimated)
+        probe = replace(probe, slide=slide)
+    return NextProbe(probe, ObstacleModel(space, known, state.surface))
 
 
 def _without_strays(
@@ -271,7 +277,7 @@ def _not_found(setup: ExplorationSetup, state: ExplorationState) -> str:
 
 def _reason_to_end(setup: ExplorationSetup, state: ExplorationState) -> str | None:
     if setup.touches is not None:
-        if len(state.contacts) >= setup.touches:
+        if touches_of(state.contacts, state.outcomes) >= setup.touches:
             return f"{counted(len(state.contacts), 'contact')} made{_not_found(setup, state)}"
         if len(state.outcomes) >= _PROBES_PER_TOUCH * setup.touches + _SPARE_PROBES:
             return f"{counted(len(state.outcomes), 'probe')} made{_not_found(setup, state)}"

@@ -41,6 +41,9 @@ class Probe(Record):
         Length of the motion before the target [m].
     overshoot
         Length of the motion beyond the target [m].
+    slide
+        Shape (3,) [m], in O: a slide of the touching fingertip along the surface that follows, if
+        the prober can; None for none. It is not along the direction.
 
     Raises
     ------
@@ -52,6 +55,7 @@ class Probe(Record):
     direction: FloatArray
     standoff: float
     overshoot: float
+    slide: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "target", read_only(_vector("target", self.target)))
@@ -60,12 +64,15 @@ class Probe(Record):
             value = float(getattr(self, name))
             require_at_least(0, **{name: value})
             object.__setattr__(self, name, value)
+        if self.slide is not None:
+            object.__setattr__(self, "slide", read_only(_vector("slide", self.slide)))
 
     def in_frame(self, X_EF: FloatArray) -> Probe:
         """Return the probe in a frame F with pose X_EF (4, 4)."""
         X_FE = inverse_pose(X_EF)
         target, direction = apply_pose(X_FE, self.target), rotate(X_FE, self.direction)
-        return replace(self, target=target, direction=direction)
+        slide = None if self.slide is None else rotate(X_FE, self.slide)
+        return replace(self, target=target, direction=direction, slide=slide)
 
     @property
     def start(self) -> FloatArray:
@@ -128,6 +135,8 @@ class ProbeOutcome(Record):
         in the object's frame after it, and the probe is in that before it.
     dropped
         Shape (D, 3) [m], in O: points of earlier contacts that turned out to be strays.
+    slid
+        How many of the contacts, the last ones, are the end of a slide: they are no touches.
 
     Raises
     ------
@@ -150,6 +159,7 @@ class ProbeOutcome(Record):
     simulated_pose: FloatArray | None = None
     tracked: PoseBelief | None = None
     dropped: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    slid: int = 0
 
     __repr__ = short_repr
 
@@ -176,7 +186,9 @@ class ProbeOutcome(Record):
         if self.simulated_pose is not None:
             pose = require_pose("simulated_pose", self.simulated_pose)
             object.__setattr__(self, "simulated_pose", pose)
-        require_at_least(0, duration=self.duration, moved=self.moved)
+        require_at_least(0, duration=self.duration, moved=self.moved, slid=self.slid)
+        if self.slid > len(self.contacts):
+            raise InvalidOptionError.out_of_range("slid", self.slid, "at most all contacts")
         if not isinstance(self.reason, str):
             raise InvalidOptionError.out_of_range("reason", self.reason, "text")
 

@@ -20,6 +20,9 @@ PROBE_SPEED = 0.1
 GENTLE_SPEED = 0.03
 """The same of a hand that touches an object which may move [m/s]."""
 
+SLIDE_SPEED = 0.05
+"""Speed of a fingertip that slides along a surface [m/s]."""
+
 TRANSIT_SPEED = 0.25
 """Speed of approach, retreat, and the transfer from one probe to the next [m/s]."""
 

@@ -39,7 +39,8 @@ class ExplorationSetup:
         every contact, and beyond 31 touches only after a sixteenth more. What it raises, that use
         raises.
     touches
-        Wanted number of contacts; None for any, until a stop rule or the policy ends.
+        Wanted number of contacts, ends of slides not counted; None for any, until a stop rule or
+        the policy ends.
     space
         Position and size of the object, or the region that contains it; the hand approaches from
         outside of what is known, and avoids it. None leaves the approach to the prober.
@@ -57,6 +58,8 @@ class ExplorationSetup:
     tracker
         Tracks the pose of an object that touches move, repeats touches for it, and keeps contacts
         in the object's frame; None if nothing moves.
+    slide
+        Length of slides along the surface after touches [m]; 0 for none, as with a tracker.
 
     Raises
     ------
@@ -73,6 +76,7 @@ class ExplorationSetup:
     stop: Sequence[StopRule] = ()
     find_strays: Callable[[Contacts], IndexArray] | None = None
     tracker: PoseTracker | None = None
+    slide: float = 0.0
 
     __repr__ = short_repr
 
@@ -138,7 +142,7 @@ class Exploration(Record):
         contacts, used = Contacts.empty(), 0
         for used in range(1, len(outcomes) + 1):
             contacts = contacts_after(contacts, outcomes[:used], touches)
-            if touches is not None and len(contacts) >= touches:
+            if touches is not None and touches_of(contacts, outcomes[:used]) >= touches:
                 break
         return cls(contacts, tuple(outcomes[:used]), "replayed")
 
@@ -184,7 +188,17 @@ def contacts_after(
     last = outcomes[-1]
     if last.lost or last.joined:
         return contacts_of(maps_of(outcomes)[1], outcomes, touches)
-    return _with_those_of(contacts, last, sum(o.duration for o in outcomes[:-1]), touches)
+    clock, slid = sum(o.duration for o in outcomes[:-1]), 0
+    if touches is not None:
+        slid = len(contacts) - touches_of(contacts, outcomes[:-1])
+        touches += slid
+    return _with_those_of(contacts, last, clock, touches)
+
+
+def touches_of(contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> int:
+    """Return how many of the contacts of outcomes are touches, and no ends of slides."""
+    ends = {p.tobytes() for o in outcomes if o.slid for p in o.contacts.points[-o.slid :]}
+    return sum(p.tobytes() not in ends for p in contacts.points) if ends else len(contacts)
 
 
 def contacts_of(
@@ -205,7 +219,9 @@ def _with_those_of(
     room = None if touches is None else touches - len(contacts)
     if outcome.repeated or outcome.doubted:
         room = 0  # it measures the pose, and nothing new of the surface
-    new = outcome.contacts.subset(new_contacts(contacts, outcome.contacts)[:room])
+    rows = new_contacts(contacts, outcome.contacts)
+    made = rows < len(outcome.contacts) - outcome.slid
+    new = outcome.contacts.subset(np.append(rows[made][:room], rows[~made][:room]))
     # The outcome's free space counts; a prober may repeat it in its contacts.
     added = replace(
         new,

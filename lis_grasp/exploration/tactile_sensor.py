@@ -90,12 +90,19 @@ class TactileSensor:
             return outcome
         if outcome.status == "missed":
             return self._false_touch(outcome, rng) if rng.random() < self.false_rate else outcome
-        reported = self.sense(outcome.contacts, rng=rng)
+        made = len(outcome.contacts) - outcome.slid
+        reported = self.sense(outcome.contacts.subset(np.arange(made)), rng=rng)
         if len(reported):
-            return replace(outcome, contacts=reported)
+            end = outcome.contacts.subset(np.arange(made, len(outcome.contacts)))
+            end = self.sense(end, rng=rng) if len(end) else end
+            return replace(outcome, contacts=reported.append(end), slid=len(end))
         # The hand stopped at a contact that it did not detect: the rest of its path is not free.
         return replace(
-            outcome, status="blocked", contacts=reported, reason="stopped at an undetected contact"
+            outcome,
+            status="blocked",
+            contacts=reported,
+            reason="stopped at an undetected contact",
+            slid=0,
         )
 
     def _with_noise(self, contacts: Contacts) -> Contacts:

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration.probe import ProbeOutcome
+from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import (
     SAME_DIRECTION,
     contact_hull,
@@ -19,7 +19,7 @@ from lis_grasp.exploration.probe_motions import (
     retreats,
 )
 from lis_grasp.exploration.workspace import Estimate, Workspace, as_estimate
-from lis_grasp.geometry import hull_crossing
+from lis_grasp.geometry import cross, hull_crossing, unit
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space
 from lis_grasp.surfaces.contact_places import box_lengths
@@ -43,6 +43,8 @@ FACES_AWAY = -0.5
 """Cosine of the normals of surface that faces away from a contact, as on the far side of a thin
 wall: the contact does not count for it."""
 
+# Places where a line may enter the estimate, on its way to a slide.
+_ON_LINE = 33
 # On a flat object the sides are near contacts on the top: these count only if they face alike.
 _FACES_ALIKE = 0.5
 
@@ -140,6 +142,40 @@ def gaps(
     distances = cdist(points, contacts.points)  # (P, N)
     distances[normals @ contacts.normals.T < least_cosine] = np.inf
     return np.asarray(distances.min(axis=1, initial=np.inf))
+
+
+def choose_slide(
+    probe: Probe,
+    length: float,
+    space: Workspace,
+    contacts: Contacts,
+    estimate: Estimate | None,
+) -> FloatArray:
+    """Return the slide (3,) [m] of a length after a probe's touch that ends in the largest gap.
+
+    It is one of eight, to places where the estimate has surface, if there are any.
+    """
+    place, normal = probe.target, -probe.direction
+    if estimate is not None:
+        reach = probe.standoff + probe.overshoot
+        line = probe.start + np.linspace(0.0, reach, _ON_LINE)[:, None] * probe.direction
+        inside = estimate.evaluate(line) < 0.0
+        if inside.any():
+            place = line[np.argmax(inside)]
+            normal = unit(estimate.gradient(place[None])[0], least=1e-12)
+    first = unit(cross(normal, np.eye(3)[np.argmin(np.abs(normal))]))
+    angles = 0.25 * np.pi * np.arange(8)[:, None]
+    along = np.cos(angles) * first + np.sin(angles) * cross(normal, first)
+    ends = place + length * along  # (8, 3)
+    gap = gaps(ends, np.tile(normal, (8, 1)), contacts)
+    if space.support_height is not None:
+        gap[ends[:, 2] < space.level_height] = -2.0
+    if estimate is not None:
+        depths = np.linspace(-length, length, _ON_LINE)
+        lines = ends[:, None] - depths[:, None] * normal  # (8, D, 3), inwards
+        values = estimate.evaluate(lines.reshape(-1, 3)).reshape(lines.shape[:2])
+        gap[(values > 0.0).all(axis=1)] -= 1.0
+    return length * np.asarray(along[np.argmax(gap)])
 
 
 def _tried(

@@ -102,6 +102,8 @@ def _row(outcome: ProbeOutcome) -> Row:
     names = ("points", "normals", "forces", "fingers", "times")
     noise = {name: getattr(contacts, name) for name in ("position_noise", "normal_noise")}
     row = fields_of(outcome.probe)
+    if row["slide"] is None:
+        del row["slide"]
     row |= {name: getattr(outcome, name) for name in ("status", "reason", "duration", "moved")}
     row |= {name: getattr(contacts, name) for name in names}
     # None where the noise of one is unknown; nothing if that of all is.
@@ -110,6 +112,7 @@ def _row(outcome: ProbeOutcome) -> Row:
     row |= {"free_points": outcome.free_points, "free_radii": outcome.free_radii}
     row |= {"X_OH": None, "joint_positions": None} if hand_pose is None else fields_of(hand_pose)
     row |= {"dropped": outcome.dropped} if len(outcome.dropped) else {}
+    row |= {"slid": outcome.slid} if outcome.slid else {}
     row |= {} if tracked is None else {"tracked_pose": tracked.as_dict()}
     row |= {} if outcome.simulated_pose is None else {"simulated_pose": outcome.simulated_pose}
     return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in row.items()}
@@ -137,7 +140,8 @@ def _outcome(row: TouchEntry) -> ProbeOutcome:
         position_noise=_array(row.position_noise),
         normal_noise=_array(row.normal_noise),
     )
-    probe = Probe(np.array(row.target), np.array(row.direction), row.standoff, row.overshoot)
+    slide = _array(row.slide)
+    probe = Probe(np.array(row.target), np.array(row.direction), row.standoff, row.overshoot, slide)
     tracked = row.tracked_pose
     return ProbeOutcome(
         probe,
@@ -152,6 +156,7 @@ def _outcome(row: TouchEntry) -> ProbeOutcome:
         _array(row.simulated_pose),
         None if tracked is None else PoseBelief.from_dict(tracked.model_dump()),
         _rows(row.dropped),
+        row.slid,
     )
 
 
@@ -203,3 +208,5 @@ class TouchEntry(FileRecord):
     simulated_pose: Pose | None = None
     tracked_pose: BeliefEntry | None = None
     dropped: list[Vector] = Field(default_factory=list)
+    slide: Vector | None = None
+    slid: Annotated[int, Field(ge=0)] = 0

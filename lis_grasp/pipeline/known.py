@@ -33,7 +33,7 @@ UNKNOWN_LOAD = LoadPrior(USUAL_FRICTION, USUAL_MASS, friction_spread=0.25, mass_
 
 # Options that say how the robot decides, without a change.
 _DECISIONS = (
-    *("policy", "cloud", "touches", "grasps", "attempts", "seed"),
+    *("policy", "cloud", "touches", "slide", "grasps", "attempts", "seed"),
     *("until_success", "until_coverage", "until_uncertainty", "max_seconds"),
 )
 
@@ -95,7 +95,8 @@ class Known(Perception):
     station: Station | None = None  #: the arm that carries the hand; None for a free hand
     policy: str | Callable[[Workspace], Policy]  #: a name, or makes a policy
     cloud: str | None  #: path of contacts that are known before the first touch
-    touches: int  #: contacts to make
+    touches: int  #: to make
+    slide: float = 0.0  #: length of slides after touches [m]
     until_success: float | None  #: what ends an exploration earlier, as in `RunConfig`
     until_coverage: float | None
     until_uncertainty: float | None

@@ -197,6 +197,14 @@ class RunConfig(metaclass=Answering):
         metavar="METRES",
         check=POSITIVE,
     )
+    slide: float = option(
+        0.03,
+        "slide the fingertip so far along the surface after a touch, for a second contact; 0 for"
+        " not. One finger slides, without an arm, on an object that is not free",
+        TOUCHING,
+        metavar="METRES",
+        check=NOT_LARGE,
+    )
     max_seconds: float | None = option(
         None,
         "stop after this time of the robot, in a region only when its object's ends are found",

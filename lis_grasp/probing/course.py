@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from lis_grasp.arms.trajectory import JointTrajectory, joined
-from lis_grasp.exploration.probe_motions import ARM_RETREAT_SPEED, TRANSIT_SPEED
+from lis_grasp.exploration.probe_motions import ARM_RETREAT_SPEED, SLIDE_SPEED, TRANSIT_SPEED
 from lis_grasp.geometry import make_pose
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.collision import NearestLink
@@ -43,6 +43,26 @@ class Leg:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Slide:
+    """Motion of a hand that keeps a fingertip on the surface after its first contact."""
+
+    places: FloatArray  # (K, 3): the palm's, where the tip touched, then lifted at the end [m]
+    length: float  # of the tip's way [m]
+    touched: NearestLink | None  # the contact at its end; None if it ended too early
+    normal: FloatArray  # (3,), of the surface there
+
+    @property
+    def until_end(self) -> float:
+        """Time from the first contact up to the end [s]."""
+        return self.length / SLIDE_SPEED
+
+    @property
+    def duration(self) -> float:
+        """Time of the slide and of the retreat the same way [s]."""
+        return self.until_end + self.length / TRANSIT_SPEED
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Course:
     """Motion of a hand on a probe up to the first contact, by geometry alone."""
 
@@ -52,6 +72,7 @@ class Course:
     touched: NearestLink | None  # the touching link and its contact
     at_table: bool = False  # whether the table ended the motion before the probe's target
     way: JointTrajectory | None = None  # of an arm from its home to the approach
+    slide: Slide | None = None  # after the first contact
 
     @property
     def last(self) -> Leg:
@@ -77,12 +98,15 @@ class Course:
         """Time of the motion and of the retreat the same way [s]."""
         back = sum(leg.length for leg in self.legs)
         if self.way is None:
-            return self.until_contact + back / TRANSIT_SPEED
+            slide = 0.0 if self.slide is None else self.slide.duration
+            return self.until_contact + back / TRANSIT_SPEED + slide
         return self.until_contact + back / ARM_RETREAT_SPEED + self.way.duration
 
     def poses(self) -> FloatArray:
         """Return poses of the palm along the motion, shape (K, 4, 4), with the end of each leg."""
         places = [leg.places for leg in self.legs]
+        if self.slide is not None:
+            places.append(self.slide.places)
         # The end of the approach is the start of the probe's motion.
         joint = np.concatenate([*(leg[:-1] for leg in places[:-1]), places[-1]])
         return make_pose(self.last.X_OH[:3, :3], joint)

@@ -12,9 +12,9 @@ from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import PROBE_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.geometry import apply_pose, inverse_pose, rotate
+from lis_grasp.geometry import apply_pose, inverse_pose, rotate, unit
 from lis_grasp.probing.approach_planner import NO_FREE_START, Approach, leading_center
-from lis_grasp.probing.course import Course, Leg
+from lis_grasp.probing.course import Course, Leg, Slide
 from lis_grasp.probing.probe_planner import ProbePlanner
 from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
 from lis_grasp.robots.hand import Hand
@@ -27,6 +27,15 @@ TOUCHING = 2e-5
 """Distance below which two bodies touch [m]."""
 
 AT_TABLE = "the table ended the motion"
+
+# A slide presses the tip onto the surface again after each such step [m].
+_SLIDE_STEP = 0.0025
+# It ends where the surface has turned by 60 degrees from the first contact.
+_LEAST_TURN_COSINE = 0.5
+# It has come to an edge where a contact proceeds by less than this fraction of a step.
+_PROGRESS = 0.5
+# A slide that is shorter than this fraction of the wanted length gives no second contact.
+_LEAST_SLIDE = 0.4
 
 
 class GuardedMotion:
@@ -53,6 +62,7 @@ class GuardedMotion:
             raise InvalidMeshError("touching needs a watertight mesh: load it with `shapes.load`")
         self._mesh = mesh
         self._checker = HandCollisionChecker(hand, mesh)
+        self._fingers, self._normals = hand.link_fingers, face_normals(mesh)
         self._poses = {
             name: self._checker.poses_in_hand(posture.joint_positions)
             for name, posture in hand.probe_postures.items()
@@ -105,7 +115,65 @@ class GuardedMotion:
             end = min(ahead.planned, self._planner.above_table(approach, probe, obstacles))
             ahead, touched = self._moved(ahead, end)
             legs, at_table = (way_in, ahead), touched is None and end < probe.standoff
-        return Course(posture.finger, posture.joint_positions, legs, touched, at_table, way)
+        course = Course(posture.finger, posture.joint_positions, legs, touched, at_table, way)
+        slide = self._slide(probe, course, obstacles)
+        return course if slide is None else replace(course, slide=slide)
+
+    def _slide(
+        self, probe: Probe, course: Course, obstacles: ObstacleModel | None
+    ) -> Slide | None:
+        """Slide a touching fingertip of the placed hand along the surface; None if it cannot.
+
+        The tip follows the surface by the normal that it feels, as Lepora et al. 2017 let a tactile
+        sensor follow a contour: lift by a step, move along the tangent, press against the normal.
+        The hand does not turn. The slide ends after the wanted length, at an edge, at a wall, which
+        is its last contact, where the surface turns too much, or above the table.
+        """
+        touched, leg = course.touched, course.last
+        if probe.slide is None or touched is None or course.way is not None:
+            return None
+        if self._X_OE is not None or self._fingers.get(touched.link) != course.finger:
+            return None
+        wanted = float(np.linalg.norm(probe.slide))
+        first = normal = self._normals[touched.face]
+        lowest = self._checker.lowest(leg.X_OH @ self._poses[course.finger])
+        at, length, end = leg.length * leg.direction, 0.0, touched
+        places = [at]
+        while length < wanted - TOUCHING:
+            along = probe.slide / wanted
+            along = along - (along @ normal) * normal
+            if np.linalg.norm(along) < _LEAST_TURN_COSINE:
+                break
+            along = along / np.linalg.norm(along)
+            step = min(_SLIDE_STEP, wanted - length)
+            lifted = at + _SLIDE_STEP * normal
+            ahead = lifted + step * along
+            if obstacles is not None and obstacles.space.support_height is not None:
+                least = lowest + float((ahead - 2.0 * _SLIDE_STEP * normal)[2])
+                if least < obstacles.space.support_height:
+                    break
+            wall, way = self._advance(along, step, lifted)
+            if wall is not None:
+                if way > 0.0:
+                    length, end, normal = length + way, wall, self._normals[wall.face]
+                    places.append(lifted + way * along)
+                break
+            found, drop = self._advance(-normal, 2.0 * _SLIDE_STEP, ahead)
+            places.append(ahead)
+            turned = None if found is None else self._normals[found.face]
+            if (
+                found is None
+                or self._fingers.get(found.link) != course.finger
+                or turned @ first < _LEAST_TURN_COSINE
+                or (found.point - end.point) @ along < _PROGRESS * step
+            ):
+                break
+            at, normal, end, length = ahead - drop * normal, turned, found, length + step
+            places[-1] = at
+        X = leg.X_OH[:3, 3]
+        return Slide(
+            X + np.array(places), length, end if length >= _LEAST_SLIDE * wanted else None, normal
+        )
 
     def _moved(self, leg: Leg, end: float) -> tuple[Leg, NearestLink | None]:
         """Move the placed hand along a leg up to `end` [m]; return its part, and what touched."""
@@ -167,18 +235,32 @@ class GuardedMotion:
                 return approach
         return None
 
-    def _advance(self, direction: FloatArray, length: float) -> tuple[NearestLink | None, float]:
-        """Move the placed hand until a link touches; return the link and the distance [m]."""
+    def _advance(
+        self, direction: FloatArray, length: float, start: FloatArray | float = 0.0
+    ) -> tuple[NearestLink | None, float]:
+        """Move the hand from a start (3,) [m] beside where it is placed until a link touches.
+
+        Return the link and the distance [m].
+        """
         travelled = 0.0
         if self._X_OE is not None:
             direction = rotate(self._X_OE, direction)
         while True:
-            nearest = self._checker.nearest(travelled * direction)
+            nearest = self._checker.nearest(start + travelled * direction)
             if nearest.distance < TOUCHING:
                 return nearest, travelled
             if travelled >= length:
                 return None, length
             travelled = min(travelled + nearest.distance, length)
+
+
+def face_normals(mesh: trimesh.Trimesh) -> FloatArray:
+    """Return unit normals, shape (F, 3); a triangle without area has that of its surroundings."""
+    normals = np.array(mesh.face_normals)
+    flat = np.linalg.norm(normals, axis=1) < 0.5
+    around = np.asarray(mesh.vertex_normals)[mesh.faces[flat]].sum(axis=1)  # (K, 3)
+    normals[flat] = unit(around, least=1e-12)
+    return normals
 
 
 def _balls_in_hand(hand: Hand, posture: ProbePosture) -> FloatArray:

@@ -13,8 +13,8 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.geometry import apply_pose, unit
-from lis_grasp.probing.guarded_motion import TOUCHING, GuardedMotion
+from lis_grasp.geometry import apply_pose
+from lis_grasp.probing.guarded_motion import TOUCHING, GuardedMotion, face_normals
 from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import Joint
@@ -51,7 +51,7 @@ class KinematicProber:
         self._motion = GuardedMotion(hand, mesh, station)
         self._extender = FingerExtender(hand, mesh) if fingers == "all" else None
         self._link_fingers = hand.link_fingers
-        self._normals = _face_normals(mesh)
+        self._normals = face_normals(mesh)
 
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
         """Carry out one probe; see `Prober`."""
@@ -70,6 +70,10 @@ class KinematicProber:
                     touches.append((time, extension.touched))
                     q[extension.joints] = extension.positions
         touches.sort(key=lambda touch: touch[0])
+        slide = course.slide
+        slid = 0 if slide is None or slide.touched is None else 1
+        if slide is not None and slide.touched is not None:
+            touches.append((course.until_contact + slide.until_end, slide.touched))
         contacts = Contacts(
             points=np.array([link.point for _, link in touches]),
             normals=self._normals[[link.face for _, link in touches]],
@@ -82,6 +86,7 @@ class KinematicProber:
             contacts=contacts,
             duration=course.duration + longest,
             hand_pose=HandPose(course.X_OH_end, q),
+            slid=slid,
         )
 
 
@@ -166,15 +171,6 @@ class FingerExtender:
         pad = self._hand.fingers.index(finger)
         places = self._hand.pad_centers(X_OH, postures)[:, pad]  # (_PATH_POINTS, 3)
         return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1)))
-
-
-def _face_normals(mesh: trimesh.Trimesh) -> FloatArray:
-    """Return unit normals, shape (F, 3); a triangle without area has that of its surroundings."""
-    normals = np.array(mesh.face_normals)
-    flat = np.linalg.norm(normals, axis=1) < 0.5
-    around = np.asarray(mesh.vertex_normals)[mesh.faces[flat]].sum(axis=1)  # (K, 3)
-    normals[flat] = unit(around, least=1e-12)
-    return normals
 
 
 def _largest_radius(hand: Hand, index: int) -> float:
