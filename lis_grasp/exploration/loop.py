@@ -24,7 +24,7 @@ from lis_grasp.exploration.states import (
     touches_of,
 )
 from lis_grasp.exploration.stopping import StopRuleWithMemory
-from lis_grasp.exploration.targets import choose_slide
+from lis_grasp.exploration.targets import choose_slides
 from lis_grasp.exploration.workspace import Estimate, ObstacleModel
 from lis_grasp.geometry import inverse_pose
 from lis_grasp.surfaces.implicit_surface import DeferredSurface
@@ -160,8 +160,8 @@ def choose(
         return NextProbe(probe, None)
     space = setup.space.grown(known)
     if setup.slide and setup.tracker is None:
-        slide = choose_slide(probe, setup.slide, space, known, state.estimated)
-        probe = replace(probe, slide=slide)
+        slides = choose_slides(probe, setup.slide, space, known, state.estimated)
+        probe = replace(probe, slides=slides)
     return NextProbe(probe, ObstacleModel(space, known, state.surface))
 
 

@@ -41,9 +41,9 @@ class Probe(Record):
         Length of the motion before the target [m].
     overshoot
         Length of the motion beyond the target [m].
-    slide
-        Shape (3,) [m], in O: a slide of the touching fingertip along the surface that follows, if
-        the prober can; None for none. It is not along the direction.
+    slides
+        Shape (K, 3) [m], in O: slides of the touching fingertip along the surface, the best first.
+        One of them follows, if the prober can; empty for none.
 
     Raises
     ------
@@ -55,7 +55,7 @@ class Probe(Record):
     direction: FloatArray
     standoff: float
     overshoot: float
-    slide: FloatArray | None = None
+    slides: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "target", read_only(_vector("target", self.target)))
@@ -64,15 +64,15 @@ class Probe(Record):
             value = float(getattr(self, name))
             require_at_least(0, **{name: value})
             object.__setattr__(self, name, value)
-        if self.slide is not None:
-            object.__setattr__(self, "slide", read_only(_vector("slide", self.slide)))
+        slides = [_vector("slides", slide) for slide in self.slides]
+        object.__setattr__(self, "slides", read_only(np.reshape(slides, (-1, 3))))
 
     def in_frame(self, X_EF: FloatArray) -> Probe:
         """Return the probe in a frame F with pose X_EF (4, 4)."""
         X_FE = inverse_pose(X_EF)
         target, direction = apply_pose(X_FE, self.target), rotate(X_FE, self.direction)
-        slide = None if self.slide is None else rotate(X_FE, self.slide)
-        return replace(self, target=target, direction=direction, slide=slide)
+        slides = rotate(X_FE, self.slides)
+        return replace(self, target=target, direction=direction, slides=slides)
 
     @property
     def start(self) -> FloatArray:

@@ -43,6 +43,8 @@ FACES_AWAY = -0.5
 """Cosine of the normals of surface that faces away from a contact, as on the far side of a thin
 wall: the contact does not count for it."""
 
+# Slides to try after a touch.
+_SLIDES = 4
 # Places where a line may enter the estimate, on its way to a slide.
 _ON_LINE = 33
 # On a flat object the sides are near contacts on the top: these count only if they face alike.
@@ -144,16 +146,16 @@ def gaps(
     return np.asarray(distances.min(axis=1, initial=np.inf))
 
 
-def choose_slide(
+def choose_slides(
     probe: Probe,
     length: float,
     space: Workspace,
     contacts: Contacts,
     estimate: Estimate | None,
 ) -> FloatArray:
-    """Return the slide (3,) [m] of a length after a probe's touch that ends in the largest gap.
+    """Return slides (K, 3) [m] of a length after a probe's touch, to the largest gap first.
 
-    It is one of eight, to places where the estimate has surface, if there are any.
+    They are some of eight; those to places where the estimate has surface are before others.
     """
     place, normal = probe.target, -probe.direction
     if estimate is not None:
@@ -175,7 +177,7 @@ def choose_slide(
         lines = ends[:, None] - depths[:, None] * normal  # (8, D, 3), inwards
         values = estimate.evaluate(lines.reshape(-1, 3)).reshape(lines.shape[:2])
         gap[(values > 0.0).all(axis=1)] -= 1.0
-    return length * np.asarray(along[np.argmax(gap)])
+    return length * np.asarray(along[np.argsort(-gap, kind="stable")[:_SLIDES]])
 
 
 def _tried(

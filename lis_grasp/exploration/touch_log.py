@@ -102,8 +102,8 @@ def _row(outcome: ProbeOutcome) -> Row:
     names = ("points", "normals", "forces", "fingers", "times")
     noise = {name: getattr(contacts, name) for name in ("position_noise", "normal_noise")}
     row = fields_of(outcome.probe)
-    if row["slide"] is None:
-        del row["slide"]
+    if not len(outcome.probe.slides):
+        del row["slides"]
     row |= {name: getattr(outcome, name) for name in ("status", "reason", "duration", "moved")}
     row |= {name: getattr(contacts, name) for name in names}
     # None where the noise of one is unknown; nothing if that of all is.
@@ -140,8 +140,8 @@ def _outcome(row: TouchEntry) -> ProbeOutcome:
         position_noise=_array(row.position_noise),
         normal_noise=_array(row.normal_noise),
     )
-    slide = _array(row.slide)
-    probe = Probe(np.array(row.target), np.array(row.direction), row.standoff, row.overshoot, slide)
+    motion = np.array(row.target), np.array(row.direction), row.standoff, row.overshoot
+    probe = Probe(*motion, _rows(row.slides))
     tracked = row.tracked_pose
     return ProbeOutcome(
         probe,
@@ -208,5 +208,5 @@ class TouchEntry(FileRecord):
     simulated_pose: Pose | None = None
     tracked_pose: BeliefEntry | None = None
     dropped: list[Vector] = Field(default_factory=list)
-    slide: Vector | None = None
+    slides: list[Vector] = Field(default_factory=list)
     slid: Annotated[int, Field(ge=0)] = 0

@@ -50,11 +50,12 @@ class Slide:
     length: float  # of the tip's way [m]
     touched: NearestLink | None  # the contact at its end; None if it ended too early
     normal: FloatArray  # (3,), of the surface there
+    before: float = 0.0  # time of others that were too short, and back [s]
 
     @property
     def until_end(self) -> float:
         """Time from the first contact up to the end [s]."""
-        return self.length / SLIDE_SPEED
+        return self.before + self.length / SLIDE_SPEED
 
     @property
     def duration(self) -> float:

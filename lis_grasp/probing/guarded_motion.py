@@ -124,34 +124,52 @@ class GuardedMotion:
     ) -> Slide | None:
         """Slide a touching fingertip of the placed hand along the surface; None if it cannot.
 
+        The first of the probe's slides that is long enough, or turns around the object, counts;
+        after another the tip goes back. The hand does not turn.
+        """
+        leg = course.last
+        if course.touched is None or course.way is not None or self._X_OE is not None:
+            return None
+        if not len(probe.slides) or self._fingers.get(course.touched.link) != course.finger:
+            return None
+        height, support = -np.inf, None if obstacles is None else obstacles.space.support_height
+        if support is not None:
+            height = support - self._checker.lowest(leg.X_OH @ self._poses[course.finger])
+        slides, before = [], 0.0
+        for wanted in probe.slides:
+            slide = self._slide_along(wanted, course, float(height), before)
+            slides.append(slide.places)
+            if slide.touched is not None:
+                break
+            before = slide.duration
+        return replace(slide, places=np.concatenate(slides))
+
+    def _slide_along(
+        self, wanted: FloatArray, course: Course, height: float, before: float
+    ) -> Slide:
+        """Slide the tip by a vector (3,) [m], while the hand is above a height from its place.
+
         The tip follows the surface by the normal that it feels, as Lepora et al. 2017 let a tactile
         sensor follow a contour: lift by a step, move along the tangent, press against the normal.
-        The hand does not turn. The slide ends after the wanted length, at an edge, at a wall, which
-        is its last contact, where the surface turns too much, or above the table.
+        The slide ends after the wanted length, at an edge, at a wall, which is its last contact,
+        where the surface turns too much, or above the table.
         """
-        touched, leg = course.touched, course.last
-        if probe.slide is None or touched is None or course.way is not None:
-            return None
-        if self._X_OE is not None or self._fingers.get(touched.link) != course.finger:
-            return None
-        wanted = float(np.linalg.norm(probe.slide))
-        first = normal = self._normals[touched.face]
-        lowest = self._checker.lowest(leg.X_OH @ self._poses[course.finger])
-        at, length, end = leg.length * leg.direction, 0.0, touched
+        assert course.touched is not None
+        leg, end, length = course.last, course.touched, 0.0
+        first = normal = self._normals[end.face]
+        at, far, turned = leg.length * leg.direction, float(np.linalg.norm(wanted)), False
         places = [at]
-        while length < wanted - TOUCHING:
-            along = probe.slide / wanted
+        while length < far - TOUCHING:
+            along = wanted / far
             along = along - (along @ normal) * normal
             if np.linalg.norm(along) < _LEAST_TURN_COSINE:
                 break
-            along = along / np.linalg.norm(along)
-            step = min(_SLIDE_STEP, wanted - length)
+            along = unit(along)
+            step = min(_SLIDE_STEP, far - length)
             lifted = at + _SLIDE_STEP * normal
             ahead = lifted + step * along
-            if obstacles is not None and obstacles.space.support_height is not None:
-                least = lowest + float((ahead - 2.0 * _SLIDE_STEP * normal)[2])
-                if least < obstacles.space.support_height:
-                    break
+            if (ahead - 2.0 * _SLIDE_STEP * normal)[2] < height:
+                break
             wall, way = self._advance(along, step, lifted)
             if wall is not None:
                 if way > 0.0:
@@ -159,21 +177,23 @@ class GuardedMotion:
                     places.append(lifted + way * along)
                 break
             found, drop = self._advance(-normal, 2.0 * _SLIDE_STEP, ahead)
-            places.append(ahead)
-            turned = None if found is None else self._normals[found.face]
-            if (
-                found is None
-                or self._fingers.get(found.link) != course.finger
-                or turned @ first < _LEAST_TURN_COSINE
-                or (found.point - end.point) @ along < _PROGRESS * step
-            ):
+            if found is None or self._fingers.get(found.link) != course.finger:
+                places.append(ahead)
                 break
-            at, normal, end, length = ahead - drop * normal, turned, found, length + step
-            places[-1] = at
-        X = leg.X_OH[:3, 3]
-        return Slide(
-            X + np.array(places), length, end if length >= _LEAST_SLIDE * wanted else None, normal
-        )
+            if (found.point - end.point) @ along < _PROGRESS * step:
+                break
+            turned = self._normals[found.face] @ first < _LEAST_TURN_COSINE
+            if turned and self._normals[found.face] @ normal < _LEAST_TURN_COSINE:
+                turned = False  # an edge
+                break
+            at, normal, end = ahead - drop * normal, self._normals[found.face], found
+            length += step
+            places.append(at)
+            if turned:
+                break
+        usable = turned or length >= _LEAST_SLIDE * far
+        at_end = leg.X_OH[:3, 3] + np.array(places)
+        return Slide(at_end, length, end if usable else None, normal, before)
 
     def _moved(self, leg: Leg, end: float) -> tuple[Leg, NearestLink | None]:
         """Move the placed hand along a leg up to `end` [m]; return its part, and what touched."""

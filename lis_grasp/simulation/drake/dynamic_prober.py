@@ -19,7 +19,7 @@ from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.lifting.scene import ArmStoppedError
-from lis_grasp.probing.course import Course, path_back, path_out
+from lis_grasp.probing.course import Course, Leg, path_back, path_out
 from lis_grasp.probing.guarded_motion import GuardedMotion
 from lis_grasp.records import read_only
 from lis_grasp.robots.arm import Arm
@@ -35,6 +35,8 @@ from lis_grasp.typing import FloatArray
 # first settles under its load.
 _BEFORE = 0.0005
 _BEFORE_WITH_ARM = 0.002
+# A slide's end is pressed onto the surface from such a distance [m].
+_LIFT = 0.0025
 # A touch is detected within this distance of the first contact; later ones are grazes [m].
 _BEYOND = 0.01
 # From a free object the hand retreats this late after the detection [s]: a sensor of 100 Hz.
@@ -172,7 +174,29 @@ class DynamicProber:
         if not len(contacts):
             return replace(missed, status="blocked", reason=reason)
         contacts = replace(contacts, times=np.full(len(contacts), course.until_contact))
-        return replace(missed, status="touched", contacts=contacts, hand_pose=hand_pose)
+        end = self._end_of_slide(course)
+        return replace(
+            missed,
+            status="touched",
+            contacts=contacts.append(end),
+            hand_pose=hand_pose,
+            slid=len(end),
+        )
+
+    def _end_of_slide(self, course: Course) -> Contacts:
+        """Return the contacts that the fingertip makes where its slide ends; none without one.
+
+        The way there is that of geometry: a light force bends no finger. Its end is simulated.
+        """
+        slide = course.slide
+        if slide is None or slide.touched is None:
+            return Contacts.empty()
+        X_OH = course.last.X_OH.copy()
+        X_OH[:3, 3] = slide.places[-1] + _LIFT * slide.normal
+        press = Leg(X_OH, -slide.normal, _LIFT, self._speed, length=_LIFT, remaining=_BEYOND)
+        end, _ = self._touch(replace(course, legs=(press,)))
+        time = course.until_contact + slide.until_end
+        return replace(end, times=np.full(len(end), time)) if len(end) else end
 
     def _touch(self, course: Course) -> tuple[Contacts, HandPose]:
         """Simulate the last part of a course; return contacts and the hand's pose."""
