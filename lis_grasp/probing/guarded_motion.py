@@ -175,6 +175,7 @@ class GuardedMotion:
                 if way > 0.0:
                     length, end, normal = length + way, wall, self._normals[wall.face]
                     places.append(lifted + way * along)
+                    turned = normal @ first < _LEAST_TURN_COSINE
                 break
             found, drop = self._advance(-normal, 2.0 * _SLIDE_STEP, ahead)
             if found is None or self._fingers.get(found.link) != course.finger:

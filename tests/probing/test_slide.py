@@ -1,0 +1,122 @@
+"""Slide of a fingertip after a touch: closed forms, touches and contacts apart, and its choice."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exploration import TactileSensor, Workspace
+from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.states import Exploration
+from lis_grasp.exploration.targets import choose_slides
+from lis_grasp.probing.guarded_motion import GuardedMotion
+from lis_grasp.probing.kinematic_prober import KinematicProber
+from lis_grasp.robots.hand import Hand
+
+DOWN = [0.0, 0.0, -1.0]
+STEP = 0.0025
+
+
+def box(extents: list[float], center: list[float] | None = None) -> trimesh.Trimesh:
+    made = trimesh.creation.box(extents=extents)
+    return made.apply_translation([0.0, 0.0, 0.0] if center is None else center)
+
+
+def slid(mesh: trimesh.Trimesh, target: list[float], *slides: list[float]) -> ProbeOutcome:
+    probe = Probe(target, DOWN, 0.03, 0.02, slides)
+    return KinematicProber(Hand.load("allegro"), mesh).probe(probe)
+
+
+def test_on_a_plane_the_second_contact_is_at_the_given_distance() -> None:
+    plane, probe = box([0.3, 0.3, 0.06]), ([0.0, 0.0, 0.03], [0.018, 0.024, 0.0])
+    outcome, alone = slid(plane, *probe), slid(plane, probe[0])
+    first, second = outcome.contacts.points
+    assert outcome.slid == 1
+    np.testing.assert_allclose(second - first, [0.018, 0.024, 0.0], atol=1e-5)
+    np.testing.assert_allclose(outcome.contacts.normals, [[0, 0, 1], [0, 0, 1]], atol=1e-12)
+    # 30 mm at 0.05 m/s, and back at 0.25 m/s; the touch is as without a slide.
+    assert outcome.duration - alone.duration == pytest.approx(0.6 + 0.12, abs=1e-6)
+    assert np.ptp(outcome.contacts.times) == pytest.approx(0.6, abs=1e-6)
+    np.testing.assert_array_equal(first, alone.contacts.points[0])
+    assert len(outcome.free_points) > len(alone.free_points)
+
+
+def test_a_slide_ends_at_a_convex_edge_within_its_step() -> None:
+    found = slid(box([0.1, 0.1, 0.06]), [0.02, 0.0, 0.03], [0.04, 0.0, 0.0]).contacts
+    assert 0.05 - STEP <= found.points[1, 0] <= 0.05
+    np.testing.assert_allclose(found.normals[1], [0, 0, 1], atol=1e-12)
+
+
+def test_a_slide_that_is_too_short_gives_way_to_the_next() -> None:
+    at, edge, along = [0.045, 0.0, 0.03], [0.03, 0.0, 0.0], [0.0, 0.03, 0.0]
+    outcome = slid(box([0.1, 0.1, 0.06]), at, edge, along)
+    assert slid(box([0.1, 0.1, 0.06]), at, edge).slid == 0
+    np.testing.assert_allclose(np.diff(outcome.contacts.points, axis=0), [along], atol=1e-5)
+    assert np.ptp(outcome.contacts.times) > 0.6  # the first one took its time
+
+
+def test_on_a_sphere_the_second_contact_is_on_the_sphere() -> None:
+    sphere = trimesh.creation.icosphere(subdivisions=5, radius=0.05)
+    outcome = slid(sphere, [0.0, 0.0, 0.05], [0.03, 0.0, 0.0])
+    points, normals = outcome.contacts.points, outcome.contacts.normals
+    inradius = np.linalg.norm(sphere.triangles_center, axis=1).min()
+    assert np.all(np.linalg.norm(points, axis=1) >= inradius - 1e-9)
+    assert np.all(np.linalg.norm(points, axis=1) <= 0.05 + 1e-9)
+    # A step beside the normal turns the line of centres; facets turn normals by up to 1.5 degrees.
+    tip = Hand.load("allegro").probe_postures["index"].radius
+    turned = 0.03 / STEP * np.arcsin(STEP / (0.05 + tip))
+    assert np.arccos(normals[0] @ normals[1]) == pytest.approx(turned, abs=0.05)
+
+
+def test_a_slide_ends_at_a_wall_without_penetration() -> None:
+    floor, wall = box([0.3, 0.3, 0.06]), box([0.02, 0.3, 0.2], [0.06, 0.0, 0.1])
+    mesh, hand = trimesh.util.concatenate([floor, wall]), Hand.load("allegro")
+    motion = GuardedMotion(hand, mesh)
+    probe = Probe([0.0, 0.0, 0.03], DOWN, 0.03, 0.02, [[0.08, 0.0, 0.0]])
+    course = motion.run(probe)
+    assert not isinstance(course, str) and course.slide is not None
+    end = course.slide.touched
+    assert end is not None and end.point[0] == pytest.approx(0.05, abs=1e-9)
+    np.testing.assert_allclose(course.slide.normal, [-1.0, 0.0, 0.0], atol=1e-12)
+    links = hand.forward_kinematics(course.last.X_OH, course.joint_positions)
+    start = course.last.X_OH[:3, 3]
+    for place in course.slide.places:
+        for geometry in hand.link_geometries:
+            corners = geometry.mesh.copy().apply_transform(links[geometry.link] @ geometry.X_LG)
+            assert not mesh.contains(corners.vertices + (place - start) + 1e-9).any()
+
+
+def touched(count: int, *, slid: int = 1) -> list[ProbeOutcome]:
+    outcomes = []
+    for k in range(count):
+        points = np.array([[0.1 * k, 0.0, 0.0], [0.1 * k, 0.03, 0.0]])[: 1 + slid]
+        contacts = Contacts(points, np.tile([0.0, 0.0, 1.0], (1 + slid, 1)))
+        outcomes.append(ProbeOutcome(Probe(points[0], DOWN, 0, 0), "touched", contacts, slid=slid))
+    return outcomes
+
+
+def test_a_touch_is_one_approach_and_the_end_of_its_slide_is_no_other() -> None:
+    explored = Exploration.replay([*touched(4), *touched(9, slid=0)[4:]], touches=6)
+    assert (len(explored.outcomes), len(explored.contacts)) == (6, 10)
+
+
+def test_noise_is_of_both_contacts_and_an_undetected_touch_has_no_slide() -> None:
+    outcome = touched(1)[0]
+    reported = TactileSensor(position_noise=1e-3).report(outcome, rng=np.random.default_rng(0))
+    assert reported.slid == 1
+    assert np.all(np.linalg.norm(reported.contacts.points - outcome.contacts.points, axis=1) > 0)
+    unfelt = TactileSensor(miss_rate=1.0).report(outcome, rng=np.random.default_rng(0))
+    assert (unfelt.status, unfelt.slid, len(unfelt.contacts)) == ("blocked", 0, 0)
+
+
+def test_a_slide_goes_to_the_largest_gap_and_not_into_the_table() -> None:
+    space = Workspace(0.2, np.zeros(3), 0.05)
+    probe = Probe([0.0, 0.0, 0.03], DOWN, 0.05, 0.05)
+    known = Contacts([[0.04, 0.0, 0.03]], [[0.0, 0.0, 1.0]])
+    best = choose_slides(probe, 0.03, space, known, None)[0]
+    np.testing.assert_allclose(best, [-0.03, 0.0, 0.0], atol=1e-12)
+    level = replace(probe, target=[0.0, 0.0, 0.0], direction=[1.0, 0.0, 0.0])
+    on_table = replace(space, support_height=-0.01, tip_radius=0.01)
+    assert choose_slides(level, 0.03, on_table, known, None)[0][2] >= 0.0
