@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lis_grasp.contacts import HALF_SPACE, Contacts
-from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.probe import Probe, ProbeOutcome, are_touches
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import unit
 from lis_grasp.typing import FloatArray
@@ -141,7 +141,7 @@ def ends_of(
 
     `contacts`, at least one, are those of the outcomes since the first contact.
     """
-    along = _level_axis(contacts)
+    along = _level_axis(contacts.subset(np.flatnonzero(are_touches(contacts, outcomes))))
     across = np.array([-along[1], along[0], 0.0])
     return tuple(End(out, space, contacts, outcomes) for out in (along, -along, across, -across))
 

@@ -16,7 +16,7 @@ from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, inverse_pose, require_pose, rotate
 from lis_grasp.records import Record, read_only, short_repr
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import BoolArray, FloatArray
 
 ProbeStatus = Literal["touched", "missed", "blocked"]
 
@@ -294,6 +294,12 @@ def maps_of(outcomes: Sequence[ProbeOutcome]) -> list[dict[int, ProbeOutcome]]:
             before, present = {}, before | moved
         present[i] = outcome
     return [before, present]
+
+
+def are_touches(contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> BoolArray:
+    """Return which contacts of outcomes, shape (N,), are touches, and no ends of slides."""
+    ends = {p.tobytes() for o in outcomes if o.slid for p in o.contacts.points[-o.slid :]}
+    return np.array([not ends or p.tobytes() not in ends for p in contacts.points], dtype=np.bool_)
 
 
 def present_map(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:

@@ -13,7 +13,14 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import counted, require_at_least
 from lis_grasp.exploration.policy import Policy
 from lis_grasp.exploration.pose_tracking import PoseTracker
-from lis_grasp.exploration.probe import Probe, ProbeOutcome, ProbeStatus, maps_of, present_map
+from lis_grasp.exploration.probe import (
+    Probe,
+    ProbeOutcome,
+    ProbeStatus,
+    are_touches,
+    maps_of,
+    present_map,
+)
 from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.stopping import StopRule
 from lis_grasp.exploration.tactile_sensor import TactileSensor
@@ -142,7 +149,7 @@ class Exploration(Record):
         contacts, used = Contacts.empty(), 0
         for used in range(1, len(outcomes) + 1):
             contacts = contacts_after(contacts, outcomes[:used], touches)
-            if touches is not None and touches_of(contacts, outcomes[:used]) >= touches:
+            if touches is not None and are_touches(contacts, outcomes[:used]).sum() >= touches:
                 break
         return cls(contacts, tuple(outcomes[:used]), "replayed")
 
@@ -188,17 +195,10 @@ def contacts_after(
     last = outcomes[-1]
     if last.lost or last.joined:
         return contacts_of(maps_of(outcomes)[1], outcomes, touches)
-    clock, slid = sum(o.duration for o in outcomes[:-1]), 0
+    clock = sum(o.duration for o in outcomes[:-1])
     if touches is not None:
-        slid = len(contacts) - touches_of(contacts, outcomes[:-1])
-        touches += slid
+        touches += int((~are_touches(contacts, outcomes[:-1])).sum())
     return _with_those_of(contacts, last, clock, touches)
-
-
-def touches_of(contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> int:
-    """Return how many of the contacts of outcomes are touches, and no ends of slides."""
-    ends = {p.tobytes() for o in outcomes if o.slid for p in o.contacts.points[-o.slid :]}
-    return sum(p.tobytes() not in ends for p in contacts.points) if ends else len(contacts)
 
 
 def contacts_of(
