@@ -11,14 +11,7 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, counted
 from lis_grasp.exploration.extent import free_beyond, open_ends
-from lis_grasp.exploration.probe import (
-    MovingProber,
-    ProbeOutcome,
-    Prober,
-    are_touches,
-    maps_of,
-    present_map,
-)
+from lis_grasp.exploration.probe import MovingProber, ProbeOutcome, Prober, maps_of, present_map
 from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.registration import are_on, find_displacement
 from lis_grasp.exploration.states import (
@@ -283,7 +276,7 @@ def _not_found(setup: ExplorationSetup, state: ExplorationState) -> str:
 
 def _reason_to_end(setup: ExplorationSetup, state: ExplorationState) -> str | None:
     if setup.touches is not None:
-        if are_touches(state.contacts, state.outcomes).sum() >= setup.touches:
+        if state.result.made >= setup.touches:
             return f"{counted(len(state.contacts), 'contact')} made{_not_found(setup, state)}"
         if len(state.outcomes) >= _PROBES_PER_TOUCH * setup.touches + _SPARE_PROBES:
             return f"{counted(len(state.outcomes), 'probe')} made{_not_found(setup, state)}"

@@ -168,6 +168,11 @@ class Exploration(Record):
         return tuple(touches.values())
 
     @property
+    def made(self) -> int:
+        """How many of the contacts are touches, and no ends of slides."""
+        return int(are_touches(self.contacts, self.outcomes).sum())
+
+    @property
     def simulated_pose(self) -> FloatArray | None:
         """True pose of a free object at the end, (4, 4), for evaluation; None if it was fixed."""
         return self.outcomes[-1].simulated_pose if self.outcomes else None
@@ -181,9 +186,11 @@ class Exploration(Record):
         """Return the counts in one line."""
         counts = Counter(outcome.status for outcome in self.outcomes)
         dropped = sum(len(outcome.dropped) for outcome in self.outcomes)
+        slid = len(self.contacts) - self.made
         return (
             f"{counted(len(self.contacts), 'contact')} from {counted(len(self.outcomes), 'probe')}"
             f" ({', '.join(f'{counts[status]} {status}' for status in get_args(ProbeStatus))})"
+            + (f", {slid} of them at the ends of slides" if slid else "")
             + (f", {dropped} dropped that later ones contradict" if dropped else "")
         )
 

@@ -171,7 +171,7 @@ def _watched(
         contacts = len(state.contacts)
         if state.outcomes and (state.outcomes[-1].lost or state.outcomes[-1].joined):
             stage.note(state.outcomes[-1].reason)
-        stage.count(contacts, known.touches)
+        stage.count(state.result.made, known.touches)
         if state.surface is not None and state.is_new:
             # One touch can make several contacts and so pass a count.
             if contacts < known.touches and any(kept < count <= contacts for count in counts):

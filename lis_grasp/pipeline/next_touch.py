@@ -77,6 +77,7 @@ class NextTouch:
             "joint_names": list(hand.joint_names),
             "joint_positions": posture.joint_positions.tolist(),
             "why": self.why(),
+            **({"slides": self.probe.slides.tolist()} if len(self.probe.slides) else {}),
         }
 
 

@@ -47,7 +47,7 @@ def build_report(
         **arm_facts(scenario.known.station, arm_use),
         "estimator": config.estimator,
         "seed": config.seed,
-        "touches": len(exploration.contacts),
+        "touches": exploration.made,
         "exploration": exploration_facts(scenario, exploration, last.mesh),
         "repairs": list(scenario.truth.shape.repairs),
         "surface": _surface_facts(last),

@@ -55,6 +55,8 @@ class KinematicProber:
 
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
         """Carry out one probe; see `Prober`."""
+        if self._extender is not None:  # the other fingers would slide, too
+            probe = replace(probe, slides=np.empty((0, 3)))
         missed, course = self._motion.outcome(probe, obstacles)
         if course is None or course.touched is None:
             return missed

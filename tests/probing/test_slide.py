@@ -14,6 +14,7 @@ from lis_grasp.exploration.targets import choose_slides
 from lis_grasp.probing.guarded_motion import GuardedMotion
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
+from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
 
 DOWN = [0.0, 0.0, -1.0]
 STEP = 0.0025
@@ -120,3 +121,13 @@ def test_a_slide_goes_to_the_largest_gap_and_not_into_the_table() -> None:
     level = replace(probe, target=[0.0, 0.0, 0.0], direction=[1.0, 0.0, 0.0])
     on_table = replace(space, support_height=-0.01, tip_radius=0.01)
     assert choose_slides(level, 0.03, on_table, known, None)[0][2] >= 0.0
+
+
+def test_a_simulated_slide_ends_where_geometry_says() -> None:
+    prober = DynamicProber(Hand.load("allegro"), box([0.3, 0.3, 0.06]))
+    outcome = prober.probe(Probe([0.0, 0.0, 0.03], DOWN, 0.03, 0.02, [[0.018, 0.024, 0.0]]))
+    assert outcome.slid == 1
+    # A finger under PD control gives way by less than a millimetre to 1 N.
+    slide = np.diff(outcome.contacts.points, axis=0)
+    np.testing.assert_allclose(slide, [[0.018, 0.024, 0.0]], atol=1e-3)
+    np.testing.assert_allclose(outcome.contacts.normals, [[0, 0, 1], [0, 0, 1]], atol=0.02)
