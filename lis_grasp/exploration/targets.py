@@ -19,7 +19,7 @@ from lis_grasp.exploration.probe_motions import (
     retreats,
 )
 from lis_grasp.exploration.workspace import Estimate, Workspace, as_estimate
-from lis_grasp.geometry import cross, hull_crossing, unit
+from lis_grasp.geometry import hull_crossing, tangent_frame, unit
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space
 from lis_grasp.surfaces.contact_places import box_lengths
@@ -165,9 +165,8 @@ def choose_slides(
         if inside.any():
             place = line[np.argmax(inside)]
             normal = unit(estimate.gradient(place[None])[0], least=1e-12)
-    first = unit(cross(normal, np.eye(3)[np.argmin(np.abs(normal))]))
-    angles = 0.25 * np.pi * np.arange(8)[:, None]
-    along = np.cos(angles) * first + np.sin(angles) * cross(normal, first)
+    angles = 0.25 * np.pi * np.arange(8)
+    along = np.column_stack([np.cos(angles), np.sin(angles)]) @ tangent_frame(normal)
     ends = place + length * along  # (8, 3)
     gap = gaps(ends, np.tile(normal, (8, 1)), contacts)
     if space.support_height is not None:

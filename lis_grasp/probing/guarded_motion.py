@@ -119,9 +119,7 @@ class GuardedMotion:
         slide = self._slide(probe, course, obstacles)
         return course if slide is None else replace(course, slide=slide)
 
-    def _slide(
-        self, probe: Probe, course: Course, obstacles: ObstacleModel | None
-    ) -> Slide | None:
+    def _slide(self, probe: Probe, course: Course, obstacles: ObstacleModel | None) -> Slide | None:
         """Slide a touching fingertip of the placed hand along the surface; None if it cannot.
 
         The first of the probe's slides that is long enough, or turns around the object, counts;

@@ -77,9 +77,11 @@ def test_a_slide_ends_at_a_wall_without_penetration() -> None:
     motion = GuardedMotion(hand, mesh)
     probe = Probe([0.0, 0.0, 0.03], DOWN, 0.03, 0.02, [[0.08, 0.0, 0.0]])
     course = motion.run(probe)
-    assert not isinstance(course, str) and course.slide is not None
+    assert not isinstance(course, str)
+    assert course.slide is not None
     end = course.slide.touched
-    assert end is not None and end.point[0] == pytest.approx(0.05, abs=1e-9)
+    assert end is not None
+    assert end.point[0] == pytest.approx(0.05, abs=1e-9)
     np.testing.assert_allclose(course.slide.normal, [-1.0, 0.0, 0.0], atol=1e-12)
     links = hand.forward_kinematics(course.last.X_OH, course.joint_positions)
     start = course.last.X_OH[:3, 3]
