@@ -52,6 +52,7 @@ def explored(log: TouchLog | None, *, stop_after: int | None = None) -> Explorat
             ESTIMATORS["gpis"],
             touches=14,
             sensor=TactileSensor(position_noise=0.001, normal_noise=0.05, miss_rate=0.1),
+            slide=0.03,
         ),
         rng=np.random.default_rng(5),
         recorded=log.read().outcomes if log is not None else (),
@@ -159,7 +160,10 @@ def test_a_log_keeps_every_bit_of_its_outcomes(tmp_path: Path) -> None:
     full = Contacts(
         bare.points, normals, forces=rng.random(2), fingers=("a", "b"), times=rng.random(2)
     )
-    probes = [Probe(rng.normal(size=3), rng.normal(size=3), 0.1, 0.2) for _ in range(2)]
+    probes = [
+        Probe(rng.normal(size=3), rng.normal(size=3), 0.1, 0.2, rng.normal(size=(k, 3)))
+        for k in range(2)
+    ]
     outcomes: Sequence[ProbeOutcome] = [
         ProbeOutcome(
             probe,
@@ -169,6 +173,7 @@ def test_a_log_keeps_every_bit_of_its_outcomes(tmp_path: Path) -> None:
             0.3,
             free_radii=rng.random(4),
             hand_pose=pose,
+            slid=len(probe.slides),
         )
         for probe, contacts, pose in zip(
             probes,
@@ -181,6 +186,8 @@ def test_a_log_keeps_every_bit_of_its_outcomes(tmp_path: Path) -> None:
         log.append(outcome)
     for read, written in zip(log.read().outcomes, outcomes, strict=True):
         np.testing.assert_array_equal(read.probe.direction, written.probe.direction)
+        np.testing.assert_array_equal(read.probe.slides, written.probe.slides)
+        assert read.slid == written.slid
         np.testing.assert_array_equal(read.contacts.normals, written.contacts.normals)
         np.testing.assert_array_equal(read.free_points, written.free_points)
         np.testing.assert_array_equal(read.free_radii, written.free_radii)
