@@ -247,7 +247,7 @@ class RunConfig(metaclass=Answering):
         TOUCHING,
         metavar="FILE",
     )
-    touches: int = option(40, "contacts to make", TOUCHING, metavar="N", check=at_least(1))
+    touches: int = option(40, "touches to make", TOUCHING, metavar="N", check=at_least(1))
     seed: int = option(0, "random seed", metavar="N", check=at_least(0))
     mass: float | None = option(
         None,
