@@ -97,13 +97,8 @@ class TactileSensor:
             end = self.sense(end, rng=rng) if len(end) else end
             return replace(outcome, contacts=reported.append(end), slid=len(end))
         # The hand stopped at a contact that it did not detect: the rest of its path is not free.
-        return replace(
-            outcome,
-            status="blocked",
-            contacts=reported,
-            reason="stopped at an undetected contact",
-            slid=0,
-        )
+        reason = "stopped at an undetected contact"
+        return replace(outcome, status="blocked", contacts=reported, reason=reason, slid=0)
 
     def _with_noise(self, contacts: Contacts) -> Contacts:
         """Return contacts that carry the sensor's noise, where it has any."""

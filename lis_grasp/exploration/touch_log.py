@@ -101,9 +101,7 @@ def _row(outcome: ProbeOutcome) -> Row:
     contacts, hand_pose, tracked = outcome.contacts, outcome.hand_pose, outcome.tracked
     names = ("points", "normals", "forces", "fingers", "times")
     noise = {name: getattr(contacts, name) for name in ("position_noise", "normal_noise")}
-    row = fields_of(outcome.probe)
-    if not len(outcome.probe.slides):
-        del row["slides"]
+    row = {n: v for n, v in fields_of(outcome.probe).items() if n != "slides" or len(v)}
     row |= {name: getattr(outcome, name) for name in ("status", "reason", "duration", "moved")}
     row |= {name: getattr(contacts, name) for name in names}
     # None where the noise of one is unknown; nothing if that of all is.

@@ -125,27 +125,23 @@ class GuardedMotion:
         The first of the probe's slides that is long enough, or turns around the object, counts;
         after another the tip goes back. The hand does not turn.
         """
-        leg = course.last
-        if course.touched is None or course.way is not None or self._X_OE is not None:
+        finger, touched = course.finger, course.touched
+        if touched is None or self._fingers.get(touched.link) != finger or self._X_OE is not None:
             return None
-        if not len(probe.slides) or self._fingers.get(course.touched.link) != course.finger:
-            return None
-        height, support = -np.inf, None if obstacles is None else obstacles.space.support_height
-        if support is not None:
-            height = support - self._checker.lowest(leg.X_OH @ self._poses[course.finger])
-        slides, before = [], 0.0
-        for wanted in probe.slides:
-            slide = self._slide_along(wanted, course, float(height), before)
-            slides.append(slide.places)
+        height, slide = -np.inf, None
+        if obstacles is not None and obstacles.space.support_height is not None:
+            lowest = float(self._checker.lowest(course.last.X_OH @ self._poses[finger]))
+            height = obstacles.space.support_height - lowest
+        for wanted in probe.slides if course.way is None else ():
+            slide = self._slide_along(wanted, course, height, slide)
             if slide.touched is not None:
                 break
-            before = slide.duration
-        return replace(slide, places=np.concatenate(slides))
+        return slide
 
     def _slide_along(
-        self, wanted: FloatArray, course: Course, height: float, before: float
+        self, wanted: FloatArray, course: Course, height: float, before: Slide | None
     ) -> Slide:
-        """Slide the tip by a vector (3,) [m], while the hand is above a height from its place.
+        """Slide the tip by a vector (3,) [m] after others, down to a height of the hand's origin.
 
         The tip follows the surface by the normal that it feels, as Lepora et al. 2017 let a tactile
         sensor follow a contour: lift by a step, move along the tangent, press against the normal.
@@ -158,9 +154,8 @@ class GuardedMotion:
         at, far, turned = leg.length * leg.direction, float(np.linalg.norm(wanted)), False
         places = [at]
         while length < far - TOUCHING:
-            along = wanted / far
-            along = along - (along @ normal) * normal
-            if np.linalg.norm(along) < _LEAST_TURN_COSINE:
+            along = wanted - (wanted @ normal) * normal
+            if np.linalg.norm(along) < _LEAST_TURN_COSINE * far:
                 break
             along = unit(along)
             step = min(_SLIDE_STEP, far - length)
@@ -179,20 +174,21 @@ class GuardedMotion:
             if found is None or self._fingers.get(found.link) != course.finger:
                 places.append(ahead)
                 break
-            if (found.point - end.point) @ along < _PROGRESS * step:
+            there = self._normals[found.face]
+            proceeds = (found.point - end.point) @ along >= _PROGRESS * step
+            if not proceeds or there @ normal < _LEAST_TURN_COSINE:  # an edge
                 break
-            turned = self._normals[found.face] @ first < _LEAST_TURN_COSINE
-            if turned and self._normals[found.face] @ normal < _LEAST_TURN_COSINE:
-                turned = False  # an edge
-                break
-            at, normal, end = ahead - drop * normal, self._normals[found.face], found
-            length += step
+            at, normal, end, length = ahead - drop * normal, there, found, length + step
             places.append(at)
+            turned = normal @ first < _LEAST_TURN_COSINE
             if turned:
                 break
-        usable = turned or length >= _LEAST_SLIDE * far
-        at_end = leg.X_OH[:3, 3] + np.array(places)
-        return Slide(at_end, length, end if usable else None, normal, before)
+        reached = end if turned or length >= _LEAST_SLIDE * far else None
+        so_far = leg.X_OH[:3, 3] + np.array(places)
+        if before is None:
+            return Slide(so_far, length, reached, normal)
+        so_far = np.concatenate([before.places, so_far])
+        return Slide(so_far, length, reached, normal, before.duration)
 
     def _moved(self, leg: Leg, end: float) -> tuple[Leg, NearestLink | None]:
         """Move the placed hand along a leg up to `end` [m]; return its part, and what touched."""

@@ -72,8 +72,7 @@ class KinematicProber:
                     touches.append((time, extension.touched))
                     q[extension.joints] = extension.positions
         touches.sort(key=lambda touch: touch[0])
-        slide = course.slide
-        slid = 0 if slide is None or slide.touched is None else 1
+        slide, made = course.slide, len(touches)
         if slide is not None and slide.touched is not None:
             touches.append((course.until_contact + slide.until_end, slide.touched))
         contacts = Contacts(
@@ -88,7 +87,7 @@ class KinematicProber:
             contacts=contacts,
             duration=course.duration + longest,
             hand_pose=HandPose(course.X_OH_end, q),
-            slid=slid,
+            slid=len(touches) - made,
         )
 
 
