@@ -158,7 +158,7 @@ def choose(
     if setup.space is None:
         return NextProbe(probe, None)
     space = setup.space.grown(known)
-    if setup.slide and setup.tracker is None:
+    if setup.slide and setup.tracker is None and not len(probe.slides):
         slides = choose_slides(probe, setup.slide, space, known, state.estimated)
         probe = replace(probe, slides=slides)
     return NextProbe(probe, ObstacleModel(space, known, state.surface))

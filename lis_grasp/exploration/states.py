@@ -71,7 +71,7 @@ class ExplorationSetup:
     Raises
     ------
     InvalidOptionError
-        If `touches` is below 1.
+        If `touches` is below 1, or `slide` below 0.
     """
 
     policy: Policy
@@ -90,6 +90,7 @@ class ExplorationSetup:
     def __post_init__(self) -> None:
         if self.touches is not None:
             require_at_least(1, touches=self.touches)
+        require_at_least(0, slide=self.slide)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
