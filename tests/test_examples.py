@@ -41,7 +41,7 @@ def _check_hand(folder: Path) -> None:
 
 
 def _check_policy(folder: Path) -> None:
-    assert len(Contacts.load(folder / "contacts.ply")) == 12
+    assert 12 <= len(Contacts.load(folder / "contacts.ply")) <= 24  # with ends of slides
     _has_mesh(folder)
 
 

@@ -130,7 +130,7 @@ def explore(
     Examples
     --------
     >>> exploration = explore("box", "wsg50", prober="kinematic", touches=3, estimator="gpis")
-    >>> len(exploration.contacts)
+    >>> exploration.made
     3
     """
     require_used(explore, options, _EXPLORE)

@@ -106,7 +106,7 @@ def explore_object(
     --------
     >>> config = RunConfig("box", hand="wsg50", prober="kinematic", touches=3)
     >>> scenario, exploration = pipeline.explore_object(config, "touched_box")
-    >>> len(exploration.contacts)
+    >>> exploration.made
     3
     """
     folder = results_folder(config, folder)
@@ -165,21 +165,21 @@ def _watched(
 ) -> ExplorationState:
     """Write the log and some intermediate estimates, report the progress, and return the end."""
     state = next(steps)  # after the recorded outcomes, the last of which may lack its estimate
-    kept = len(Exploration.replay(state.outcomes[:-1], touches=known.touches).contacts)
+    kept = Exploration.replay(state.outcomes[:-1], touches=known.touches).made
     counts = growth_counts(known.touches)
     while not state.ended:
-        contacts = len(state.contacts)
+        made = state.result.made
         if state.outcomes and (state.outcomes[-1].lost or state.outcomes[-1].joined):
             stage.note(state.outcomes[-1].reason)
-        stage.count(state.result.made, known.touches)
+        stage.count(made, known.touches)
         if state.surface is not None and state.is_new:
             # One touch can make several contacts and so pass a count.
-            if contacts < known.touches and any(kept < count <= contacts for count in counts):
+            if made < known.touches and any(kept < count <= made for count in counts):
                 with suppress(EstimationError, InvalidMeshError):  # too few for a surface
                     cell = float(np.ptp(state.surface.bounds, axis=0).max()) / _CELLS
                     mesh = extract_mesh(above_table(state.surface, known.table), resolution=cell)
-                    save_growth(log.path.parent, contacts, mesh, header)
-            kept = contacts
+                    save_growth(log.path.parent, len(state.contacts), mesh, header)
+            kept = made
         state = next(steps)
         if not state.ended:
             log.append(state.outcomes[-1])

@@ -146,7 +146,7 @@ def touch(
     Examples
     --------
     >>> config = RunConfig("box", hand="wsg50", prober="kinematic", touches=3)
-    >>> len(pipeline.touch(pipeline.Scenario.from_config(config)).contacts)
+    >>> pipeline.touch(pipeline.Scenario.from_config(config)).made
     3
     """
     prober = make_prober(scenario, recorded) if prober is None else prober
