@@ -276,8 +276,8 @@ def _not_found(setup: ExplorationSetup, state: ExplorationState) -> str:
 
 def _reason_to_end(setup: ExplorationSetup, state: ExplorationState) -> str | None:
     if setup.touches is not None:
-        if state.result.made >= setup.touches:
-            return f"{counted(len(state.contacts), 'contact')} made{_not_found(setup, state)}"
+        if (made := state.result.made) >= setup.touches:
+            return f"{counted(made, 'contact')} made{_not_found(setup, state)}"
         if len(state.outcomes) >= _PROBES_PER_TOUCH * setup.touches + _SPARE_PROBES:
             return f"{counted(len(state.outcomes), 'probe')} made{_not_found(setup, state)}"
     if state.surface is not None and not sought_ends(setup, state):

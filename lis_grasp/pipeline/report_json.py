@@ -72,6 +72,7 @@ def exploration_facts(
     tips = [p.radius for p in known.hand.probe_postures.values() if p.radius > 0.0]
     return {
         "asked": known.touches,
+        "made": exploration.made,
         "contacts": len(contacts),
         "probes": len(exploration.outcomes),
         "ended": exploration.ended,

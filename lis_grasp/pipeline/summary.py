@@ -19,14 +19,15 @@ _LOW_COVERAGE = 0.9
 
 def exploration_lines(facts: dict[str, Any]) -> tuple[str, ...]:
     """Return the summary of an exploration, from the facts of `exploration_facts`."""
-    made, asked = facts["contacts"], facts["asked"]
+    made, asked = facts.get("made", facts["contacts"]), facts["asked"]
+    more = f" and {facts['contacts'] - made} at ends of slides" if facts["contacts"] > made else ""
     lines = []
     search = facts.get("search")
     if search is not None:
         first = "found     after" if search["found"] else "found     nothing in the region after"
         probes = counted(search["probes"], "probe")
         lines.append(f"{first} {probes}, {search['seconds']:.0f} s of motion")
-    lines += [f"touched   {made} of {asked} contacts, from {facts['probes']} probes"]
+    lines += [f"touched   {made} of {asked} contacts{more}, from {facts['probes']} probes"]
     if made < asked:
         lines.append(f"ended     before {asked} contacts: {facts['ended']}")
     if facts.get("motion") is not None:
