@@ -134,11 +134,11 @@ def _self_test() -> Finding:
     config = RunConfig(prober="kinematic", touches=15, grasps=2)
     try:
         scenario = pipeline.Scenario.from_config(config)
-        contacts = pipeline.touch(scenario).contacts
-        _, mesh = pipeline.estimate(scenario.known, contacts)
+        touched = pipeline.touch(scenario)
+        _, mesh = pipeline.estimate(scenario.known, touched.contacts)
         search = pipeline.plan(scenario.known, mesh)
     except LisGraspError as error:
         return Finding(False, f"the self-test failed: {error}")
-    counts = f"{len(contacts)} touches of a box, {len(search.grasps)} grasps"
+    counts = f"{touched.made} touches of a box, {len(search.grasps)} grasps"
     seconds = time.perf_counter() - start
     return Finding(bool(search.grasps), f"self-test: {counts} in {seconds:.1f} s")

@@ -141,7 +141,8 @@ def ends_of(
 
     `contacts`, at least one, are those of the outcomes since the first contact.
     """
-    along = _level_axis(contacts.subset(np.flatnonzero(are_touches(contacts, outcomes))))
+    made = np.flatnonzero(are_touches(contacts, outcomes))
+    along = _level_axis(contacts.subset(made) if len(made) else contacts)
     across = np.array([-along[1], along[0], 0.0])
     return tuple(End(out, space, contacts, outcomes) for out in (along, -along, across, -across))
 

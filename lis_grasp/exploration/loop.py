@@ -277,7 +277,9 @@ def _not_found(setup: ExplorationSetup, state: ExplorationState) -> str:
 def _reason_to_end(setup: ExplorationSetup, state: ExplorationState) -> str | None:
     if setup.touches is not None:
         if (made := state.result.made) >= setup.touches:
-            return f"{counted(made, 'contact')} made{_not_found(setup, state)}"
+            slid = len(state.contacts) - made
+            more = f" and {slid} at ends of slides" if slid else ""
+            return f"{counted(made, 'contact')}{more} made{_not_found(setup, state)}"
         if len(state.outcomes) >= _PROBES_PER_TOUCH * setup.touches + _SPARE_PROBES:
             return f"{counted(len(state.outcomes), 'probe')} made{_not_found(setup, state)}"
     if state.surface is not None and not sought_ends(setup, state):

@@ -55,7 +55,7 @@ class Probe(Record):
     direction: FloatArray
     standoff: float
     overshoot: float
-    slides: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    slides: FloatArray = field(default_factory=lambda: np.empty((0, 3)), repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "target", read_only(_vector("target", self.target)))

@@ -163,7 +163,8 @@ class Exploration(Record):
         """The outcome that made each contact, in the contacts' order."""
         contacts, touches = Contacts.empty(), dict[bytes, ProbeOutcome]()
         for outcome in present_map(self.outcomes):
-            contacts = _with_those_of(contacts, outcome, 0.0, len(self.contacts))
+            ends = len(contacts) - int(are_touches(contacts, self.outcomes).sum())
+            contacts = _with_those_of(contacts, outcome, 0.0, self.made + ends)
             points = [point.tobytes() for point in contacts.points]
             touches = {point: touches.get(point, outcome) for point in points}
         return tuple(touches.values())

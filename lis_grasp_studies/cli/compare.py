@@ -44,7 +44,7 @@ _FLAGS = {
     "objects": "built-in shapes or mesh files",
     "estimators": "all estimators to compare, in place of the study's; 'truth' plans on the true"
     " mesh; --estimator keeps the study's and adds one",
-    "touches": "budgets of contacts",
+    "touches": "budgets of touches",
     "noise": "sensor noise, 'none' or like '1mm/3deg'",
     "hands": "hands, by name or YAML file",
 }

@@ -88,9 +88,8 @@ def explored_contacts(shape: Shape, hand: Hand, draw: str, count: int, *, seed: 
     The estimator that guides the hand is the same for every compared estimator. Free space that the
     hand passed through is left out.
     """
-    config = RunConfig(
-        prober="kinematic", policy=EXPLORATIONS[draw], estimator="gpis", touches=count, seed=seed
-    )
+    options = {"policy": EXPLORATIONS[draw], "estimator": "gpis", "touches": count, "seed": seed}
+    config = RunConfig(prober="kinematic", slide=0.0, **options)
     found = touch(Scenario.from_config(config, shape, hand)).contacts
     return Contacts(found.points, found.normals)
 

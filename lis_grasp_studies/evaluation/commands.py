@@ -110,7 +110,7 @@ def _of_report(report: Row) -> Row:
     return {
         **{name: lift.get(name) for name in ("held", "reason", "slip")},
         "attempts": len(report["attempts"]),
-        "touches": report["exploration"]["contacts"],
+        "touches": report["touches"],
         "motion": report["exploration"]["seconds"],
         "rmsd": report["surface"]["rmsd"],
         "violations": violations(uses),

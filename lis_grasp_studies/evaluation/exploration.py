@@ -1,4 +1,4 @@
-"""Experiment: what is known after so many touches of an unknown object, by policy.
+"""Experiment: what is known after so many touches of an unknown object, by policy and with slides.
 
 Touches are made by geometry alone, of fixed objects of which nothing is known: in a stable pose in
 a region of a table, with a realistic sensor.
@@ -24,30 +24,33 @@ from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.study.trial import Setup, find_object
 
 HAND, TIP_RADIUS = "allegro", 0.012
+WITHOUT = ", no slides"
+"""After the name of a policy: no slide follows a touch."""
 FAR_OFF = 0.02
 """Error from which an end of the object counts as missed [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExplorationTrial:
-    """One exploration, measured after each of some numbers of contacts."""
+    """One exploration, measured after each of some numbers of touches."""
 
     object: str
     """Name of a built-in shape or test object."""
     seed: int
     touches: str
-    """Numbers of contacts, joined by spaces."""
+    """Numbers of touches, joined by spaces."""
 
 
 def measure_exploration(trial: ExplorationTrial, policy: str) -> list[Row]:
-    """Return a row for each number of contacts of one exploration."""
+    """Return a row for each number of touches of one exploration."""
     counts = [int(word) for word in trial.touches.split()]
     entropy = [trial.seed, *trial.object.encode()]
     config = pipeline.RunConfig(
         **{**UNKNOWN, "free": False},
         hand=HAND,
         prober="kinematic",
-        policy=policy,
+        policy=policy.removesuffix(WITHOUT),
+        **({"slide": 0.0} if policy.endswith(WITHOUT) else {}),
         touches=max(counts),
         seed=int(np.random.SeedSequence(entropy).generate_state(1)[0]),
     )
@@ -76,6 +79,7 @@ def measure_exploration(trial: ExplorationTrial, policy: str) -> list[Row]:
                 "far_off": float(np.mean(ends > FAR_OFF)),
                 "rmsd": error.rmsd,
                 "rmsd_truth_to_estimate": error.rmsd_truth_to_estimate,
+                "contacts": len(part.contacts),
                 "probes": len(part.outcomes),
                 "seconds": part.duration,
             }

@@ -74,7 +74,7 @@ def _drawn(run: Run, stages: Sequence[tuple[int, trimesh.Trimesh]], width: float
     for k, (count, mesh) in enumerate(stages):
         axes = add_panel(figure, k / number, bottom, 1.0 / number, size)
         draw_still(axes, estimate=mesh, contacts=run.contacts[:count], **front)
-        head(axes, f"{count} touches")
+        head(axes, f"{count} contacts")
     if best is not None:
         axes = add_panel(figure, (number - 1) / number, bottom, 1.0 / number, size)
         links = run.hand.forward_kinematics(best.X_OH, best.joint_positions)

@@ -139,10 +139,12 @@ def test_explore_keeps_touches_and_cloud_and_resumes(upper_half: Path, tmp_path:
     touched = np.vstack([outcome.contacts.points for outcome in outcomes])
     contacts = Contacts.load(tmp_path / "a" / "contacts.ply")
     cloud = Contacts.load(upper_half)
-    np.testing.assert_array_equal(contacts.points[:4], touched[:4])
-    np.testing.assert_array_equal(contacts.points[4:], cloud.points)
-    np.testing.assert_array_equal(np.isnan(contacts.position_noise[:4]), True)
-    assert contacts.position_noise[4] == pytest.approx(NOISE, rel=0.5)
+    made = len(touched)  # with the ends of slides
+    assert made > 4
+    np.testing.assert_array_equal(contacts.points[:made], touched)
+    np.testing.assert_array_equal(contacts.points[made:], cloud.points)
+    np.testing.assert_array_equal(np.isnan(contacts.position_noise[:made]), True)
+    assert contacts.position_noise[made] == pytest.approx(NOISE, rel=0.5)
 
     # Interrupted after two probes: header and two lines are left.
     log = (tmp_path / "a" / "touches.jsonl").read_bytes().splitlines(keepends=True)

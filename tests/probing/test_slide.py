@@ -133,3 +133,12 @@ def test_a_simulated_slide_ends_where_geometry_says() -> None:
     slide = np.diff(outcome.contacts.points, axis=0)
     np.testing.assert_allclose(slide, [[0.018, 0.024, 0.0]], atol=1e-3)
     np.testing.assert_allclose(outcome.contacts.normals, [[0, 0, 1], [0, 0, 1]], atol=0.02)
+
+
+def test_touches_of_several_fingers_keep_their_outcomes_beside_ends_of_slides() -> None:
+    points = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.05, 0.0, 0.0]])
+    contacts = Contacts(points + [1.0, 0.0, 0.0], np.tile([0.0, 0.0, 1.0], (3, 1)))
+    last = ProbeOutcome(Probe(points[0], DOWN, 0, 0), "touched", contacts, slid=1)
+    explored = Exploration.replay([*touched(2), last], touches=3)
+    assert (explored.made, len(explored.contacts)) == (3, 6)
+    assert [o is last for o in explored.touches] == [False] * 4 + [True] * 2
