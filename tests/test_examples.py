@@ -55,7 +55,7 @@ def _check_loop(folder: Path) -> None:
 
 
 def _check_lift(folder: Path) -> None:
-    assert len(Contacts.load(folder / "contacts.ply")) == 15
+    assert 15 <= len(Contacts.load(folder / "contacts.ply")) <= 30  # with ends of slides
     _has_mesh(folder)
     _has_grasps(folder)
     height = Motion.load(folder / "motion.npz").poses["object"][:, 2, 3]

@@ -42,8 +42,7 @@ class Probe(Record):
     overshoot
         Length of the motion beyond the target [m].
     slides
-        Shape (K, 3) [m], in O: slides of the touching fingertip along the surface, the best first.
-        One of them follows, if the prober can; empty for none.
+        Shape (K, 3) [m], in O: slides of the fingertip of which one may follow, the best first.
 
     Raises
     ------
@@ -136,7 +135,7 @@ class ProbeOutcome(Record):
     dropped
         Shape (D, 3) [m], in O: points of earlier contacts that turned out to be strays.
     slid
-        How many of the contacts, the last ones, are the end of a slide: they are no touches.
+        How many contacts, the last ones, are at the end of a slide.
 
     Raises
     ------

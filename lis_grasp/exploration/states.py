@@ -46,8 +46,8 @@ class ExplorationSetup:
         every contact, and beyond 31 touches only after a sixteenth more. What it raises, that use
         raises.
     touches
-        Wanted number of contacts, ends of slides not counted; None for any, until a stop rule or
-        the policy ends.
+        Wanted number of contacts, without ends of slides; None for any, until a stop rule or the
+        policy ends.
     space
         Position and size of the object, or the region that contains it; the hand approaches from
         outside of what is known, and avoids it. None leaves the approach to the prober.
@@ -66,7 +66,7 @@ class ExplorationSetup:
         Tracks the pose of an object that touches move, repeats touches for it, and keeps contacts
         in the object's frame; None if nothing moves.
     slide
-        Length of slides along the surface after touches [m]; 0 for none, as with a tracker.
+        Length of slides after touches [m]; 0, and with a tracker, for none.
 
     Raises
     ------

@@ -199,8 +199,7 @@ class RunConfig(metaclass=Answering):
     )
     slide: float = option(
         0.03,
-        "slide the fingertip so far along the surface after a touch, for a second contact; 0 for"
-        " not. One finger slides, without an arm, on an object that is not free",
+        "slide so far along a fixed object after a touch, without an arm",
         TOUCHING,
         metavar="METRES",
         check=NOT_LARGE,
