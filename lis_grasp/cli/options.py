@@ -144,7 +144,11 @@ def configure_touch(options: argparse.Namespace) -> RunConfig:
         conditions |= IDEAL_SENSOR
     if options.region is not None:
         conditions["pose"] = conditions["pose"] or STABLE
-    return RunConfig.from_facts(vars(options), conditions)
+    config = RunConfig.from_facts(vars(options), conditions)
+    if options.slide and (config.free or config.arm or config.fingers != "one"):
+        needed = "a fixed object (--clamped or --known), one finger and no arm"
+        raise InvalidOptionError(f"--slide needs {needed}", option="--slide")
+    return config
 
 
 def add_object(parser: argparse.ArgumentParser, *, required_name: bool = True) -> None:

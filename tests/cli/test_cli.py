@@ -440,6 +440,8 @@ def test_misuse_is_one_sentence(line: str, capsys: pytest.CaptureFixture[str]) -
     ("line", "option"),
     [
         ("run box --force-threshold 1 --prober kinematic", "--force-threshold"),
+        ("run box --slide 0.02", "--slide needs a fixed object"),
+        ("explore box --known --arm iiwa14 --slide 0.02", "--slide needs"),
         ("grasp box.stl --jobs 2", "--jobs"),
         pytest.param("evaluate --quick --report-only --jobs 2", "--jobs", marks=NEEDS_STUDY),
         pytest.param(
