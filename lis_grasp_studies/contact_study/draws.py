@@ -88,8 +88,10 @@ def explored_contacts(shape: Shape, hand: Hand, draw: str, count: int, *, seed: 
     The estimator that guides the hand is the same for every compared estimator. Free space that the
     hand passed through is left out.
     """
-    options = {"policy": EXPLORATIONS[draw], "estimator": "gpis", "touches": count, "seed": seed}
-    config = RunConfig(prober="kinematic", slide=0.0, **options)
+    policy = EXPLORATIONS[draw]
+    config = RunConfig(
+        prober="kinematic", policy=policy, estimator="gpis", touches=count, slide=0.0, seed=seed
+    )
     found = touch(Scenario.from_config(config, shape, hand)).contacts
     return Contacts(found.points, found.normals)
 

@@ -50,7 +50,7 @@ def measure_exploration(trial: ExplorationTrial, policy: str) -> list[Row]:
         hand=HAND,
         prober="kinematic",
         policy=policy.removesuffix(WITHOUT),
-        **({"slide": 0.0} if policy.endswith(WITHOUT) else {}),
+        slide=0.0 if policy.endswith(WITHOUT) else pipeline.RunConfig().slide,
         touches=max(counts),
         seed=int(np.random.SeedSequence(entropy).generate_state(1)[0]),
     )
