@@ -33,7 +33,7 @@ UNKNOWN_LOAD = LoadPrior(USUAL_FRICTION, USUAL_MASS, friction_spread=0.25, mass_
 
 # Options that say how the robot decides, without a change.
 _DECISIONS = (
-    *("policy", "cloud", "touches", "slide", "grasps", "attempts", "seed"),
+    *("policy", "cloud", "touches", "grasps", "attempts", "seed"),
     *("until_success", "until_coverage", "until_uncertainty", "max_seconds"),
 )
 
@@ -127,6 +127,7 @@ class Known(Perception):
         return Known(
             **vars(Perception.from_config(config, support)),
             **{name: getattr(config, name) for name in _DECISIONS},
+            slide=0.0 if config.free else config.slide,
             hand=hand,
             space=_for_fingertips(space, hand),
             support=support,
