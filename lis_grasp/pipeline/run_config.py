@@ -198,8 +198,8 @@ class RunConfig(metaclass=Answering):
         check=POSITIVE,
     )
     slide: float = option(
-        0.03,
-        "slide so far along a fixed object after a touch, without an arm",
+        0.0,
+        "slide so far along a fixed object after a touch, for a second contact; 0.03 is good",
         TOUCHING,
         metavar="METRES",
         check=NOT_LARGE,

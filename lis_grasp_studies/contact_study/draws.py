@@ -90,7 +90,7 @@ def explored_contacts(shape: Shape, hand: Hand, draw: str, count: int, *, seed: 
     """
     policy = EXPLORATIONS[draw]
     config = RunConfig(
-        prober="kinematic", policy=policy, estimator="gpis", touches=count, slide=0.0, seed=seed
+        prober="kinematic", policy=policy, estimator="gpis", touches=count, seed=seed
     )
     found = touch(Scenario.from_config(config, shape, hand)).contacts
     return Contacts(found.points, found.normals)

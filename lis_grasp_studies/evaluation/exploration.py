@@ -24,8 +24,8 @@ from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.study.trial import Setup, find_object
 
 HAND, TIP_RADIUS = "allegro", 0.012
-WITHOUT = ", no slides"
-"""After the name of a policy: no slide follows a touch."""
+SLIDES, SLIDE = ", slides", 0.03
+"""After the name of a policy: a slide so long [m] follows each touch."""
 FAR_OFF = 0.02
 """Error from which an end of the object counts as missed [m]."""
 
@@ -49,8 +49,8 @@ def measure_exploration(trial: ExplorationTrial, policy: str) -> list[Row]:
         **{**UNKNOWN, "free": False},
         hand=HAND,
         prober="kinematic",
-        policy=policy.removesuffix(WITHOUT),
-        slide=0.0 if policy.endswith(WITHOUT) else pipeline.RunConfig().slide,
+        policy=policy.removesuffix(SLIDES),
+        slide=SLIDE if policy.endswith(SLIDES) else 0.0,
         touches=max(counts),
         seed=int(np.random.SeedSequence(entropy).generate_state(1)[0]),
     )

@@ -10,9 +10,7 @@ from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.pipeline import RunConfig, Scenario, touch
 from lis_grasp.pipeline.stages import make_prober
 
-CONFIG = RunConfig(
-    "mallet", hand="wsg50", prober="kinematic", touches=30, estimator="gpis", slide=0.0
-)
+CONFIG = RunConfig("mallet", hand="wsg50", prober="kinematic", touches=30, estimator="gpis")
 
 
 @dataclass

@@ -114,10 +114,10 @@ def test_slides_are_proposed_unless_the_object_is_free(
 ) -> None:
     path, low = tmp_path / "contacts.ply", float(explored.contacts.bounds[0, 2])
     explored.contacts.save(path, header=provenance.describe(support_height=low, free=free))
-    assert main(["next", str(path), "--hand", "wsg50"]) == 0
+    assert main(["next", str(path), "--hand", "wsg50", "--slide", "0.02"]) == 0
     slides = json.loads((tmp_path / "next.json").read_text()).get("slides", [])
     assert bool(slides) is not free
-    assert [np.linalg.norm(slide) for slide in slides] == pytest.approx([0.03] * len(slides))
+    assert [np.linalg.norm(slide) for slide in slides] == pytest.approx([0.02] * len(slides))
 
 
 def test_the_command_reads_contacts_as_an_estimate_does(

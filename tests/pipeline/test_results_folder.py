@@ -280,7 +280,7 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
         "load": "unknown",
         "until_uncertainty": 0.001,
         "max_seconds": 9.0,
-        "slide": 0.0,
+        "slide": 0.02,
         "position_noise": 0.001,
         "normal_noise": 0.001,
         "force_threshold": 0.1,

@@ -23,7 +23,6 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, list[str]]:
         hand="wsg50",
         prober="kinematic",
         touches=11,
-        slide=0.0,
         grasps=2,
         attempts=1,
         seed=1,

@@ -251,7 +251,7 @@ parts:
      seeds: *one, seconds: 3}
   exploration:
     {measure: exploration, title: Explorations, objects: {simple: [box]}, touches: "4 6",
-     variants: [spread, "spread, no slides"], seeds: [1], seconds: 5}
+     variants: [spread, "spread, slides"], seeds: [1], seconds: 5}
   lies:
     {measure: lies, title: Lies, objects: {simple: [gear]}, part: 10, fits: false,
      variants: [clean], seeds: [1], seconds: 1}
@@ -343,8 +343,8 @@ def test_budgets_give_the_rows_of_the_study_s_trials() -> None:
 
 def test_rows_of_explorations_are_after_touches_with_and_without_slides() -> None:
     trial = ExplorationTrial("box", 1, "3 5")
-    with_slides = measure_exploration(trial, "spread")
-    without = measure_exploration(trial, "spread, no slides")
+    with_slides = measure_exploration(trial, "spread, slides")
+    without = measure_exploration(trial, "spread")
     assert [row["count"] for row in (*with_slides, *without)] == [3, 5, 3, 5]
     assert [row["contacts"] for row in without] == [3, 5]
     assert with_slides[1]["contacts"] > 5

@@ -111,7 +111,7 @@ def test_kept_estimates_are_few_and_before_the_last_contact(contacts: int) -> No
 # ---- a folder of results --------------------------------------------------------------------
 
 HAND = ["--prober", "kinematic", "--hand", "wsg50"]
-EXPLORE = ["explore", "box", "--known", *HAND, "--touches", "6", "--seed", "4", "--slide", "0"]
+EXPLORE = ["explore", "box", "--known", *HAND, "--touches", "6", "--seed", "4"]
 GROWTH = [3, 4, 5]
 
 
