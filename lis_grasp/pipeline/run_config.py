@@ -199,7 +199,7 @@ class RunConfig(metaclass=Answering):
     )
     slide: float = option(
         0.0,
-        "slide so far along a fixed object after a touch, for a second contact; 0.03 is good",
+        "slide so far along a fixed object after a touch, for a second contact",
         TOUCHING,
         metavar="METRES",
         check=NOT_LARGE,
