@@ -147,8 +147,7 @@ def choose(
 
     The n-th probe draws from the n-th generator that the exploration's own spawns.
     """
-    ended = _reason_to_end(setup, state)
-    if ended is not None:
+    if (ended := _reason_to_end(setup, state)) is not None:
         return ended
     probe = None if setup.tracker is None else setup.tracker.probe_again(state.outcomes)
     known, recent = state.known, present_map(state.outcomes)
@@ -277,14 +276,12 @@ def _not_found(setup: ExplorationSetup, state: ExplorationState) -> str:
 def _reason_to_end(setup: ExplorationSetup, state: ExplorationState) -> str | None:
     if setup.touches is not None:
         if (made := state.result.made) >= setup.touches:
-            slid = len(state.contacts) - made
-            more = f" and {slid} at ends of slides" if slid else ""
+            more = f" and {slid} at ends of slides" if (slid := len(state.contacts) - made) else ""
             return f"{counted(made, 'contact')}{more} made{_not_found(setup, state)}"
         if len(state.outcomes) >= _PROBES_PER_TOUCH * setup.touches + _SPARE_PROBES:
             return f"{counted(len(state.outcomes), 'probe')} made{_not_found(setup, state)}"
     if state.surface is not None and not sought_ends(setup, state):
         for rule in state.rules:
-            reason = rule(state.known, state.surface, state.outcomes)
-            if reason:
+            if reason := rule(state.known, state.surface, state.outcomes):
                 return reason
     return None

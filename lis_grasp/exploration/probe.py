@@ -296,9 +296,13 @@ def maps_of(outcomes: Sequence[ProbeOutcome]) -> list[dict[int, ProbeOutcome]]:
 
 
 def are_touches(contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> BoolArray:
-    """Return which contacts of outcomes, shape (N,), are touches, and no ends of slides."""
-    ends = {p.tobytes() for o in outcomes if o.slid for p in o.contacts.points[-o.slid :]}
-    return np.array([not ends or p.tobytes() not in ends for p in contacts.points], dtype=np.bool_)
+    """Return which contacts of one map's outcomes, (N,), are touches: made first by no slide."""
+    touched = {
+        point.tobytes(): k < len(outcome.contacts) - outcome.slid
+        for outcome in reversed(outcomes)
+        for k, point in reversed([*enumerate(outcome.contacts.points)])
+    }
+    return np.array([touched.get(p.tobytes(), True) for p in contacts.points], dtype=np.bool_)
 
 
 def present_map(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:

@@ -67,7 +67,7 @@ def find_displacement(
     other is far less probable or leaves these on the estimate, as a cylinder's turn does.
     """
     known = surface.contacts
-    if min(len(contacts), len(known)) < _ENOUGH:
+    if min(len(contacts), len(known)) < _ENOUGH or not known.extent:
         return None
     samples = surface.derived("samples", None, partial(_sampled, surface))
     poses = _starts(contacts, samples)  # (H, 3), of contacts in the map

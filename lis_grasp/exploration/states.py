@@ -150,7 +150,7 @@ class Exploration(Record):
         contacts, used = Contacts.empty(), 0
         for used in range(1, len(outcomes) + 1):
             contacts = contacts_after(contacts, outcomes[:used], touches)
-            if touches is not None and are_touches(contacts, outcomes[:used]).sum() >= touches:
+            if touches is not None and cls(contacts, tuple(outcomes[:used])).made >= touches:
                 break
         return cls(contacts, tuple(outcomes[:used]), "replayed")
 
@@ -161,18 +161,18 @@ class Exploration(Record):
     @property
     def touches(self) -> tuple[ProbeOutcome, ...]:
         """The outcome that made each contact, in the contacts' order."""
-        contacts, touches = Contacts.empty(), dict[bytes, ProbeOutcome]()
-        for outcome in present_map(self.outcomes):
-            ends = len(contacts) - int(are_touches(contacts, self.outcomes).sum())
-            contacts = _with_those_of(contacts, outcome, 0.0, self.made + ends)
-            points = [point.tobytes() for point in contacts.points]
-            touches = {point: touches.get(point, outcome) for point in points}
-        return tuple(touches.values())
+        outcomes = reversed(present_map(self.outcomes))
+        makers = {
+            point.tobytes(): outcome for outcome in outcomes for point in outcome.contacts.points
+        }
+        return tuple(makers[p.tobytes()] for p in self.contacts.points if p.tobytes() in makers)
 
     @property
     def made(self) -> int:
         """How many of the contacts are touches, and no ends of slides."""
-        return int(are_touches(self.contacts, self.outcomes).sum())
+        if not any(outcome.slid for outcome in self.outcomes):
+            return len(self.contacts)
+        return int(are_touches(self.contacts, present_map(self.outcomes)).sum())
 
     @property
     def simulated_pose(self) -> FloatArray | None:
@@ -205,27 +205,26 @@ def contacts_after(
     if last.lost or last.joined:
         return contacts_of(maps_of(outcomes)[1], outcomes, touches)
     clock = sum(o.duration for o in outcomes[:-1])
-    if touches is not None:
-        touches += int((~are_touches(contacts, outcomes[:-1])).sum())
-    return _with_those_of(contacts, last, clock, touches)
+    room = None if touches is None else touches - Exploration(contacts, tuple(outcomes[:-1])).made
+    return _with_those_of(contacts, last, clock, room)
 
 
 def contacts_of(
     of_map: Mapping[int, ProbeOutcome], outcomes: Sequence[ProbeOutcome], touches: int | None
 ) -> Contacts:
     """Return the contacts of a map, one of `maps_of` the outcomes."""
-    contacts = Contacts.empty()
-    for i, outcome in of_map.items():
+    contacts, ours = Contacts.empty(), list(of_map.values())
+    for k, (i, outcome) in enumerate(of_map.items()):
         clock = sum(before.duration for before in outcomes[:i])
-        contacts = _with_those_of(contacts, outcome, clock, touches)
+        room = None if touches is None else touches - int(are_touches(contacts, ours[:k]).sum())
+        contacts = _with_those_of(contacts, outcome, clock, room)
     return contacts
 
 
 def _with_those_of(
-    contacts: Contacts, outcome: ProbeOutcome, clock: float, touches: int | None
+    contacts: Contacts, outcome: ProbeOutcome, clock: float, room: int | None
 ) -> Contacts:
-    """Return the contacts with those of an outcome `clock` [s] after the first began."""
-    room = None if touches is None else touches - len(contacts)
+    """Return the contacts with at most `room` of an outcome `clock` [s] after the first began."""
     if outcome.repeated or outcome.doubted:
         room = 0  # it measures the pose, and nothing new of the surface
     rows = new_contacts(contacts, outcome.contacts)

@@ -8,6 +8,7 @@ import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import TactileSensor, Workspace
+from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.states import Exploration
 from lis_grasp.exploration.targets import choose_slides
@@ -142,3 +143,25 @@ def test_touches_of_several_fingers_keep_their_outcomes_beside_ends_of_slides() 
     explored = Exploration.replay([*touched(2), last], touches=3)
     assert (explored.made, len(explored.contacts)) == (3, 6)
     assert [o is last for o in explored.touches] == [False] * 4 + [True] * 2
+
+
+def test_a_contact_counts_as_what_first_made_it() -> None:
+    outcomes = touched(4)
+    points = np.array([[1.0, 0.0, 0.0], outcomes[0].contacts.points[0]])  # the end of its slide
+    met = replace(outcomes[3], contacts=replace(outcomes[3].contacts, points=points))
+    explored = Exploration.replay([*outcomes[:3], met])
+    assert (explored.made, len(explored.contacts)) == (4, 7)
+    stray = replace(outcomes[3], dropped=points[1:])
+    explored = Exploration.replay([*outcomes[:3], stray])
+    assert (explored.made, len(explored.contacts)) == (3, 7)
+    at = [outcome.probe.target[0] for outcome in explored.touches]
+    assert at == pytest.approx(explored.contacts.points[:, 0])
+
+
+def test_touches_of_joined_maps_are_counted_without_ends_of_slides() -> None:
+    start, X_EF = PoseBelief.start(), planar_pose(np.array([0.01, 0.02, 0.3]))
+    outcomes = [replace(outcome, tracked=start) for outcome in touched(7)]
+    outcomes[3] = replace(outcomes[3], tracked=replace(start, trust="lost"))
+    outcomes[6] = replace(outcomes[6], tracked=replace(start, X_WE=X_EF, joined=X_EF))
+    explored = Exploration.replay(outcomes, touches=7)
+    assert (explored.made, len(explored.contacts), len(explored.touches)) == (7, 14, 14)
