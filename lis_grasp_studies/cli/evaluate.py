@@ -5,12 +5,21 @@ from __future__ import annotations
 import argparse
 import logging
 import shlex
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lis_grasp.cli.progress import Stage, say
-from lis_grasp.exceptions import EstimationError, InvalidOptionError, require_packages
+from lis_grasp.exceptions import (
+    EstimationError,
+    InvalidFileError,
+    InvalidOptionError,
+    require_packages,
+)
 from lis_grasp.io.atomic_writing import sole_writer, write_text
+from lis_grasp.io.json_lines import Row
+from lis_grasp.version import __version__
 from lis_grasp_studies.harness.program import add_scheduler, require_no_workers, scheduler_of
 
 if TYPE_CHECKING:
@@ -103,7 +112,7 @@ def execute(options: argparse.Namespace) -> None:
     path = options.config or SHIPPED / ("quick.yaml" if options.quick else "published.yaml")
     if options.report_only and stored.is_file() and not (options.config or options.quick):
         path = stored
-    configuration = Configuration.load(path, options.parts)
+    configuration, text = Configuration.load(path, options.parts), path.read_text(encoding="utf-8")
     earlier = read_parquet(options.earlier) if options.earlier else []
     options.until_end.enter_context(sole_writer(output))
     results = EvaluationResults(output)
@@ -114,24 +123,42 @@ def execute(options: argparse.Namespace) -> None:
             f"a report needs rows; {output} has none", option="--report-only"
         )
     if path != stored:
-        write_text(stored, path.read_text(encoding="utf-8"))
-    parts = configuration.ordered(rows)
-    if path == stored and not results.lines.path.is_file():
-        # Parquet files beside their configuration have all its rows in order, and no others.
-        found = split(rows, "part")
-        parts = {name: found[name] for name in configuration.parts if name in found}
-    with Stage("Reporting") as stage:
-        results.write_parquet(parts)
-        write_results(output, configuration, parts, command=_command(options), earlier=earlier)
-        if options.fill:
-            template, page = options.fill
-            write_text(page, fill_template(template, configuration, parts, earlier))
-        stage.result = f"{len(rows)} rows of {state_of(parts)}"
+        write_text(stored, text)
+    with _known_columns(rows, output):
+        parts = configuration.ordered(rows)
+        if path == stored and not results.lines.path.is_file():
+            # Parquet files beside their configuration have all its rows in order, and no others.
+            found = split(rows, "part")
+            parts = {name: found[name] for name in configuration.parts if name in found}
+        with Stage("Reporting") as stage:
+            if results.lines.path.is_file():  # else the Parquet files have the rows, maybe more
+                results.write_parquet(parts)
+            write_results(output, configuration, parts, command=_command(options), earlier=earlier)
+            if options.fill:
+                template, page = options.fill
+                write_text(page, fill_template(template, configuration, parts, earlier))
+            stage.result = f"{len(rows)} rows of {state_of(parts)}"
     say(f"wrote {output}/results.md, report.html, numbers.json, configuration.yaml")
     say("      and folders rows, tables, charts")
     say(f"next: open {output}/report.html in a browser")
     if failure is not None:
         raise failure
+
+
+@contextmanager
+def _known_columns(rows: Sequence[Row], folder: Path) -> Iterator[None]:
+    """Say of rows of another version that they lack what is reported."""
+    try:
+        yield
+    except (LookupError, TypeError, ValueError) as error:
+        versions = {row["version"] for row in rows} - {__version__}
+        if not versions:
+            raise
+        raise InvalidFileError(
+            f"rows of lis_grasp {', '.join(sorted(versions))} in {folder} lack what {__version__}"
+            f" reports ({type(error).__name__}: {error}): report on them with their version",
+            path=folder,
+        ) from None
 
 
 def _measure(

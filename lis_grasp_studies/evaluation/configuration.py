@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import zip_longest
+from itertools import chain, islice, zip_longest
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,6 +26,7 @@ SHIPPED = Path(__file__).parent
 """Folder of the shipped configurations, ``published.yaml`` and ``quick.yaml``."""
 
 _EVERYWHERE = Places(Path())  # as if all mesh files were there
+_FileName = Annotated[str, Field(pattern=r"^\w[\w.-]*$")]
 
 
 class Configuration(BaseModel):
@@ -33,7 +34,7 @@ class Configuration(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
-    parts: dict[str, Annotated[AnyPart, Field(discriminator="measure")]] = Field(min_length=1)
+    parts: dict[_FileName, Annotated[AnyPart, Field(discriminator="measure")]] = Field(min_length=1)
 
     @classmethod
     def load(cls, path: Path, names: Sequence[str] | None = None) -> Configuration:
@@ -98,7 +99,8 @@ class Configuration(BaseModel):
 
     def _keyed(self, rows: Sequence[Row]) -> Iterator[tuple[Any, Row]]:
         """Yield the rows of all parts, each after its key."""
-        first = {name: part.rounds(_EVERYWHERE)[0][0] for name, part in self.parts.items()}
+        trials = ((n, chain(*part.rounds(_EVERYWHERE))) for n, part in self.parts.items())
+        first = {name: trial for name, of_part in trials for trial in islice(of_part, 1)}
         for row in rows:
             if (name := row["part"]) in first:
                 yield (name, *self.parts[name].experiment.key_of(row, first[name])), row

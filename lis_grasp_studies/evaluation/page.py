@@ -11,6 +11,7 @@ from pathlib import Path
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
+from lis_grasp.io.limits import reading
 from lis_grasp_studies.evaluation.configuration import Configuration
 from lis_grasp_studies.evaluation.grasp_parts import GraspsPart
 from lis_grasp_studies.evaluation.grasp_tables import beside_table
@@ -56,12 +57,13 @@ def fill_template(
         for table in _tables(configuration.parts[name], of, earlier)
     }
     fields = published_numbers(configuration, parts) | {"tables": tables, "state": state_of(parts)}
+    with reading(template, "text"):
+        text = template.read_text(encoding="utf-8")
     try:
-        return template.read_text(encoding="utf-8").format_map(fields)
-    except (LookupError, ValueError) as error:
+        return text.format_map(fields)
+    except (LookupError, ValueError, AttributeError, TypeError) as error:
         raise InvalidFileError(
-            f"{template} must ask for numbers and tables of the rows; it asks for {error}",
-            path=template,
+            f"{template} must have fields that the rows fill; one is wrong: {error}", path=template
         ) from None
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.json_lines import Row
 from lis_grasp.io.schemas import FileRecord, Number, checked
 from lis_grasp.version import __version__
@@ -24,6 +25,8 @@ from lis_grasp_studies.harness.runner import Scheduler, run_trials
 class _Row(FileRecord):
     part: str
     job_seconds: Number
+    version: str
+    commit: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +50,20 @@ class EvaluationResults:
         Raises `InvalidFileError` if a file cannot be read, or is of another version.
         """
         if self.lines.path.is_file():
-            rows = self.lines.read(any_version=any_version)
-            for row in rows:
-                checked(_Row, row, self.lines.path, "row")
-            return rows
-        paths = sorted((self.folder / "rows").glob("*.parquet"))
-        return [row | {"part": path.stem} for path in paths for row in read_parquet(path)]
+            path, rows = self.lines.path, self.lines.read(any_version=any_version)
+        else:
+            path = self.folder / "rows"
+            paths = sorted(path.glob("*.parquet"))
+            rows = [row | {"part": file.stem} for file in paths for row in read_parquet(file)]
+        for row in rows:
+            made_by = checked(_Row, row, path, "row").version
+            if made_by != __version__ and not any_version:
+                raise InvalidFileError(
+                    f"{path} must have rows of lis_grasp {__version__}; one is of {made_by}: write"
+                    " to another folder",
+                    path=path,
+                )
+        return rows
 
     def write_parquet(self, rows: dict[str, list[Row]]) -> None:
         """Write the rows of each part as a Parquet file named after it."""
@@ -97,6 +108,8 @@ class Evaluation:
             self.spent.setdefault(part, []).append(seconds)
         left = self.configuration.missing(self.places, known)
         total, missing = sum(1 for _ in self.configuration.jobs(self.places)), len(left)
+        if left and known and not self.results.lines.path.is_file():
+            self.results.lines.append(known)  # of the Parquet files, which new ones replace
         start, before = time.time(), self._total()
         end = np.inf if self.hours is None else start + 3600.0 * self.hours
 

@@ -58,7 +58,6 @@ class Picture:
 
     def save(self, folder: Path) -> None:
         """Write the figure as PNG and PDF into a folder."""
-        folder.mkdir(parents=True, exist_ok=True)
         for suffix, content in ((".png", self.png), (".pdf", self.pdf)):
             with whole_file(folder / f"{self.file_name}{suffix}") as temporary:
                 temporary.write_bytes(content)

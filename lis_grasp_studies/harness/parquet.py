@@ -36,7 +36,6 @@ def write_parquet(path: Path, rows: Sequence[Row]) -> None:
     arrow, parquet = _pyarrow()
     names = dict.fromkeys(name for row in rows for name in row)
     table = arrow.table({name: [row.get(name) for row in rows] for name in names})
-    path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as temporary:
         parquet.write_table(table, temporary, compression="zstd")
 
