@@ -17,10 +17,12 @@ from lis_grasp.exceptions import InvalidFileError
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path to write to; it replaces `path` after the block has succeeded.
 
-    Raises `InvalidFileError` if the folder cannot be written to, or the disk is full.
+    Raises `InvalidFileError` if it is a folder or a device or cannot be written, as on a full disk.
     """
     temporary = path.with_name(f".partial-{secrets.token_hex(8)}{path.suffix}")
     try:
+        if path.exists() and not path.is_file():
+            raise FileExistsError("it is a folder or a device")
         path.parent.mkdir(parents=True, exist_ok=True)
         # Unlike tempfile's, with the mode that the user's umask gives to new files.
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
@@ -29,9 +31,9 @@ def whole_file(path: Path) -> Iterator[Path]:
             os.fsync(file.fileno())
         temporary.replace(path)
     except OSError as error:
-        blocked = isinstance(error, FileExistsError | NotADirectoryError | PermissionError)
-        advice = ": name another folder" if blocked else ""
-        message = f"cannot write {path}: {error.strerror or error}{advice}"
+        message = f"cannot write {path}: {error.strerror or error}"
+        if isinstance(error, FileExistsError | NotADirectoryError | PermissionError):
+            message += ": name another file or folder"
         raise InvalidFileError(message, path=path) from None
     finally:
         with suppress(OSError):  # there is none

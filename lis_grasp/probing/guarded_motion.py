@@ -153,7 +153,7 @@ class GuardedMotion:
         first = normal = self._normals[end.face]
         at, far, turned = leg.length * leg.direction, float(np.linalg.norm(wanted)), False
         places = [at]
-        while length < far - TOUCHING:
+        while length < far - TOUCHING and not turned:
             along = wanted - (wanted @ normal) * normal
             if np.linalg.norm(along) < _LEAST_TURN_COSINE * far:
                 break
@@ -181,8 +181,6 @@ class GuardedMotion:
             at, normal, end, length = ahead - drop * normal, there, found, length + step
             places.append(at)
             turned = normal @ first < _LEAST_TURN_COSINE
-            if turned:
-                break
         reached = end if turned or length >= _LEAST_SLIDE * far else None
         so_far = leg.X_OH[:3, 3] + np.array(places)
         if before is None:

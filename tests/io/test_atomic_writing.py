@@ -74,7 +74,7 @@ def test_json_refuses_nan(tmp_path: Path) -> None:
 def test_an_unwritable_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with (
-        pytest.raises(InvalidFileError, match="cannot write.* name another folder"),
+        pytest.raises(InvalidFileError, match="cannot write.* name another file or folder"),
         whole_file(tmp_path / "file" / "x"),
     ):
         pass
@@ -88,3 +88,14 @@ def test_files_get_the_mode_of_the_umask(tmp_path: Path, umask: int) -> None:
     finally:
         os.umask(before)
     assert stat.S_IMODE((tmp_path / "a.txt").stat().st_mode) == 0o666 & ~umask
+
+
+def test_no_device_pipe_or_folder_is_replaced(tmp_path: Path) -> None:
+    pipe, folder = tmp_path / "pipe", tmp_path / "folder"
+    os.mkfifo(pipe)
+    folder.mkdir()
+    for path in (pipe, folder):
+        with pytest.raises(InvalidFileError, match="folder or a device"):
+            write_text(path, "x")
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+    assert {*tmp_path.iterdir()} == {pipe, folder}

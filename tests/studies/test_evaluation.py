@@ -116,6 +116,30 @@ def test_an_interrupted_evaluation_ends_with_the_rows_of_an_undisturbed_one(
     assert len(lines) == 1 + len(whole)
 
 
+def test_an_evaluation_continues_from_parquet_files_alone_without_loss(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    part, stored = throws(monkeypatch), EvaluationResults(tmp_path)
+    assert len(run(part, tmp_path, stop=3)) == 6
+    stored.write_parquet(part.ordered(stored.read()))
+    stored.lines.path.unlink()
+    assert len(run(part, tmp_path, stop=2)) == 6 + 4
+    empty = ThrowsPart(title="None", variants=["left"], seeds=[[]], seconds=1.0)
+    assert not Configuration.model_construct(parts={"first": empty}).ordered(stored.read())
+    stored.lines.path.unlink()
+    monkeypatch.setattr(results, "__version__", "9.9.9")
+    with pytest.raises(InvalidFileError, match=r"9\.9\.9"):
+        stored.read()
+    rows = stored.read(any_version=True)
+    with (
+        pytest.raises(InvalidFileError, match="lack"),
+        evaluate._known_columns([row | {"version": "1.0.0"} for row in rows], tmp_path),
+    ):
+        rows[0]["lifted"]
+    with pytest.raises(KeyError), evaluate._known_columns(rows, tmp_path):
+        rows[0]["lifted"]  # an error of our own
+
+
 @pytest.mark.parametrize(
     ("expected", "limit", "jobs"),
     [
@@ -314,6 +338,7 @@ def test_mistakes_are_named(tmp_path: Path) -> None:
         (TINY.replace("seconds: 3", "seconds: 0"), "seconds"),
         (TINY.replace("measure: lies", "measure: truths"), "truths"),
         (TINY.replace("part: 10", "parts: 10"), "parts"),
+        (TINY.replace("  lies:", "  ../lies:"), "lies"),
         ("parts: {}", "parts"),
         ("[]", "configuration"),
     ):
