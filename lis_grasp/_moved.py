@@ -70,25 +70,25 @@ _PLACES = {
 ADVICE = {
     name: f": write {call}"
     for names, call in {
-        "blend gpis lis patch smooth": "estimate(contacts, method), as 'gpis' or 'lis'",
+        "blend fit gpis lis patch smooth": "estimate(contacts, method), as 'gpis' or 'lis'",
         "draw plot scene() show view visualize": "Scene(estimate=..., contacts=...).save(path)",
-        "explore_object sample_contacts touch": "explore(object, hand).contacts",
-        "grasp grasp_planner plan_grasps": "plan(mesh, hand)",
+        "explore_object explorer sample_contacts touch": "explore(object, hand).contacts",
+        "grasp grasp_planner graspplanner plan_grasps planner": "plan(mesh, hand)",
         "hand.list hand.names hand_names hands list_hands load_hand": "Hand.load('allegro')",
-        "lift_object simulate simulate_lift": "lift(object, hand, grasp)",
+        "grasp.lift lift_object simulate simulate_lift": "lift(object, hand, grasp)",
         "load load_mesh load_object load_shape": "load_contacts(path) or shapes.find(name)",
         "arm load_arm load_grasps": "robots.arm.Arm.load(name) or GraspSearch.load(path)",
         "from_folder load_results load_run results": "Run.load(folder)",
-        "marching_cubes mesh to_mesh": "extract_mesh(surface)",
+        "extract_mesh marching_cubes mesh reconstruct_mesh to_mesh": "extract_mesh(surface)",
         "next_probe next_touch": "exploration.choose(...), or run `lis-grasp next`",
-        "contacts.to_csv save_contacts": "contacts.save(path)",
+        "contacts.to_csv contacts.to_ply save_contacts": "contacts.save(path)",
         "save_mesh surface.save": "extract_mesh(surface).export(path)",
-        "compare chamfer_distance evaluate": "surface_error(mesh, truth)",
+        "chamfer chamfer_distance compare evaluate": "surface_error(mesh, truth)",
         "ferrari_canny": "epsilon_quality(points, normals, friction=0.5)",
         "shape_names": "shapes.NAMES",
         "estimator estimators register_estimator": "surfaces.ESTIMATORS, or 'my.module:Class'",
         "policies policy": "exploration.POLICIES, or 'my.module:Class'",
-        "contacts.concatenate": "append(contacts)",
+        "contacts.concatenate contacts.extend contacts.merge": "append(contacts)",
         "contacts.positions contacts.xyz": "points",
         "grasp.contacts": "contact_points",
         "grasp.score": "epsilon or success_probability",
@@ -96,7 +96,7 @@ ADVICE = {
             "Contacts(points, normals), or surfaces.estimate_normals(points)"
         ),
         "contacts.from_csv contacts.from_file contacts.from_ply": "load_contacts(path)",
-        "contacts()": "load_contacts(path), or surfaces.estimate_normals(points)",
+        "contacts() pointcloud": "load_contacts(path), or surfaces.estimate_normals(points)",
         "hand.from_file hand.from_urdf hand.from_yaml": (
             "Hand.load(path) of a YAML file, which `lis-grasp hand new FILE` writes"
         ),

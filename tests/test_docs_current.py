@@ -3,7 +3,7 @@
 import argparse
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -23,6 +23,8 @@ from lis_grasp.robots.shipped_models import READY_HANDS, VENDOR_HANDS
 from lis_grasp.shapes import NAMES
 from lis_grasp.simulation.drake import dynamic_prober
 from lis_grasp.surfaces import ESTIMATORS
+from lis_grasp_studies.contact_study.contact_sets import CASES
+from lis_grasp_studies.test_objects.shape_sets import DEVELOPMENT, EVALUATION
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -203,10 +205,26 @@ def _number(word: str) -> int:
     return int(plain) if plain.isdecimal() else _NUMBERS.index(word.lower())
 
 
+def _objects(families: Mapping[Any, Sequence[str]]) -> int:
+    return sum(map(len, families.values()))
+
+
+_VERBS = "docs/reference/command-line.md"
 # Counts in prose: a pattern with the number, and what it must be.
 _COUNTS: tuple[tuple[str, str, Callable[[], int]], ...] = (
     ("docs/hands.md", r"(\w+) vendors' hands are ready", lambda: len(VENDOR_HANDS)),
     ("docs/hands.md", r"the (\w+) built-in shapes", lambda: len(NAMES)),
+    (
+        "docs/reference/command-line.md",
+        r"on the (\d+) objects of the default",
+        lambda: _objects(EVALUATION),
+    ),
+    (_VERBS, r"are the (\d+) others", lambda: _objects(DEVELOPMENT)),
+    (
+        "docs/reference/command-line.md",
+        r"a quarter of the (\d+) cases of contacts",
+        lambda: len(CASES),
+    ),
 )
 
 

@@ -317,6 +317,10 @@ def test_a_name_stands_for_an_object_or_is_answered() -> None:
         ("HANDS", r"Hand\.load\('allegro'\)"),
         ("ESTIMATORS", r"surfaces\.ESTIMATORS"),
         ("judge_contacts", r"write lis_grasp\.surfaces\.judge_contacts"),
+        ("fit", r"estimate\(contacts, method\)"),
+        ("PointCloud", r"load_contacts\(path\)"),
+        ("GraspPlanner", r"plan\(mesh, hand\)"),
+        ("chamfer", r"surface_error\(mesh, truth\)"),
     ],
 )
 def test_a_guessed_name_is_answered(
@@ -333,12 +337,16 @@ def test_a_guessed_member_is_answered(gripper: Hand, box: trimesh.Trimesh) -> No
     for owner, name, advice in (
         (CONTACTS, "positions", "write points"),
         (CONTACTS, "xyz", "write points"),
+        (CONTACTS, "merge", "write append(contacts)"),
+        (CONTACTS, "to_ply", "write contacts.save(path)"),
         (surface, "sdf", "write evaluate(points)"),
         (surface, "distance", "write evaluate(points)"),
         (surface, "normal", "write gradient(points)"),
         (surface, "plot", "write Scene("),
         (lis_grasp.shapes, "cube", "it has BUILDERS"),
         (surface, "to_mesh", "write extract_mesh(surface)"),
+        (surface, "extract_mesh", "write extract_mesh(surface)"),
+        (grasp, "lift", "write lift(object, hand, grasp)"),
         (grasp, "contacts", "write contact_points"),
         (grasp, "joints", "did you mean 'joint_names'?"),
         (lis_grasp.surface_error(box, box, samples=9), "rmse", "did you mean 'rmsd'?"),

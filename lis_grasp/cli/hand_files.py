@@ -64,7 +64,7 @@ def write_draft(options: argparse.Namespace) -> None:
     for note in draft.notes:
         say(f"note  {note}")
     say_findings(check_hand(hand))
-    say(f"wrote {output}: {len(hand.joint_names)} joints, fingers {', '.join(hand.fingers)}")
+    say(f"wrote {output}: joints: {len(hand.joint_names)}, fingers: {', '.join(hand.fingers)}")
     say(f"next: lis-grasp hand view {output}, or: lis-grasp run box --hand {output}")
 
 

@@ -98,8 +98,8 @@ def read_mesh(
             path=path,
         )
     if not os.path.isfile(path):
-        message = f"there is no file {path.name} in {path.absolute().parent}: check the path, or"
-        raise InvalidFileError(f"{message} name a recorded file by `object`", path=path)
+        message = f"there is no file {path.name} in {path.absolute().parent}: check the path; if"
+        raise InvalidFileError(f"{message} results record it, its option names another", path=path)
     kind, most = ending[1:].upper(), _MOST_BYTES
     with named_by_content(path), reading(path, kind, most=most, advice="export it again"):
         if not path.stat().st_size:

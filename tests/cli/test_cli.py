@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from random_directions import random_directions
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from lis_grasp import GraspSearch, Hand, RunConfig, shapes
-from lis_grasp.cli.main import main
+from lis_grasp.cli.main import build_parser, main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import (
     EstimationError,
@@ -448,6 +449,7 @@ def test_misuse_is_one_sentence(line: str, capsys: pytest.CaptureFixture[str]) -
             "evaluate --quick --report-only --scheduler tcp://x:1", "--scheduler", marks=NEEDS_STUDY
         ),
         ("run box nothing.stl", "nothing.stl"),
+        ("grasp box.stl --obstacles nothing.stl", "nothing.stl"),
         ("grasp box.stl --friction 1e9", "--friction must be above 0 and at most 100"),
     ],
 )
@@ -460,8 +462,13 @@ def test_what_would_have_no_effect_or_fail_later_is_refused_before_work(
 ) -> None:
     shapes.find("box").mesh.export(tmp_path / "box.stl")
     monkeypatch.chdir(tmp_path)
-    assert option in _misuse(capsys, *line.split(), "--output", "out")
+    message = _misuse(capsys, *line.split(), "--output", "out")
+    assert option in message
     assert not [path for path in Path("out").glob("**/*") if path.is_file()]
+    verb, *_ = line.split()
+    (verbs,) = (a for a in build_parser(verb)._actions if isinstance(a.choices, dict))
+    there = {name for action in verbs.choices[verb]._actions for name in action.option_strings}
+    assert there >= {*re.findall(r"--[a-z][a-z-]+", message)}
 
 
 def test_an_object_that_fails_does_not_end_the_others(
