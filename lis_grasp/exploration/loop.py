@@ -157,9 +157,10 @@ def choose(
     if setup.space is None:
         return NextProbe(probe, None)
     space = setup.space.grown(known)
-    if setup.slide and setup.tracker is None and not len(probe.slides):
+    slides = probe.slides if setup.tracker is None else probe.slides[:0]  # it may move
+    if setup.slide and setup.tracker is None and not len(slides):
         slides = choose_slides(probe, setup.slide, space, known, state.estimated)
-        probe = replace(probe, slides=slides)
+    probe = replace(probe, slides=slides)
     return NextProbe(probe, ObstacleModel(space, known, state.surface))
 
 
@@ -269,8 +270,7 @@ def sought_ends(setup: ExplorationSetup, state: ExplorationState) -> str:
 
 
 def _not_found(setup: ExplorationSetup, state: ExplorationState) -> str:
-    sought = sought_ends(setup, state)
-    return f"; not found: {sought}" if sought else ""
+    return f"; not found: {sought}" if (sought := sought_ends(setup, state)) else ""
 
 
 def _reason_to_end(setup: ExplorationSetup, state: ExplorationState) -> str | None:

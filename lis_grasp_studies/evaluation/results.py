@@ -53,7 +53,7 @@ class EvaluationResults:
             path, rows = self.lines.path, self.lines.read(any_version=any_version)
         else:
             path = self.folder / "rows"
-            paths = sorted(path.glob("*.parquet"))
+            paths = sorted(path.glob("[!.]*.parquet"))  # a kill leaves .partial-*
             rows = [row | {"part": file.stem} for file in paths for row in read_parquet(file)]
         for row in rows:
             made_by = checked(_Row, row, path, "row").version

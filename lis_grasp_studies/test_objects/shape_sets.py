@@ -163,7 +163,7 @@ def scans_in(folder: Path) -> tuple[str, ...]:
 
     Raises `InvalidFileError` if the folder has none.
     """
-    found = sorted(str(p) for p in folder.glob("*") if p.suffix.lower() in shapes.FORMATS)
+    found = sorted(str(p) for p in folder.glob("[!.]*") if p.suffix.lower() in shapes.FORMATS)
     if not found:
         raise InvalidFileError(
             f"{folder} must hold mesh files ({', '.join(shapes.FORMATS)}); it has none", path=folder

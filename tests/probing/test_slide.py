@@ -1,13 +1,21 @@
 """Slide of a fingertip after a touch: closed forms, touches and contacts apart, and its choice."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration import TactileSensor, Workspace
+from lis_grasp.exploration import (
+    ExplorationSetup,
+    PoseTracker,
+    TactileSensor,
+    Workspace,
+    begin,
+    choose,
+)
 from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.states import Exploration
@@ -16,6 +24,7 @@ from lis_grasp.probing.guarded_motion import GuardedMotion
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
+from lis_grasp.surfaces import ESTIMATORS
 
 DOWN = [0.0, 0.0, -1.0]
 STEP = 0.0025
@@ -124,6 +133,20 @@ def test_a_slide_goes_to_the_largest_gap_and_not_into_the_table() -> None:
     level = replace(probe, target=[0.0, 0.0, 0.0], direction=[1.0, 0.0, 0.0])
     on_table = replace(space, support_height=-0.01, tip_radius=0.01)
     assert choose_slides(level, 0.03, on_table, known, None)[0][2] >= 0.0
+
+
+@pytest.mark.parametrize("tracker", [None, PoseTracker()])
+def test_a_policy_may_choose_slides_but_not_along_an_object_that_may_move(
+    tracker: PoseTracker | None,
+) -> None:
+    wanted = Probe([0.0, 0.0, 0.03], DOWN, 0.05, 0.05, [[0.03, 0.0, 0.0]])
+    policy, space = (
+        SimpleNamespace(next_probe=lambda *_, **__: wanted),
+        Workspace(0.2, [0] * 3, 0.05),
+    )
+    setup = ExplorationSetup(policy, ESTIMATORS["patch"], 9, space, tracker=tracker, slide=0.02)
+    chosen = choose(setup, begin(setup), rng=np.random.default_rng(0))
+    np.testing.assert_array_equal(chosen.probe.slides, wanted.slides[: tracker is None])
 
 
 def test_a_simulated_slide_ends_where_geometry_says() -> None:

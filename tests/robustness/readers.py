@@ -11,7 +11,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,7 +28,8 @@ from touch_recording import record, write_bag, write_csv
 import lis_grasp
 from lis_grasp import Contacts, shapes
 from lis_grasp.exceptions import LisGraspError
-from lis_grasp.exploration import Probe, ProbeOutcome, TouchLog, load_outcomes
+from lis_grasp.exploration import Exploration, Probe, ProbeOutcome, TouchLog, load_outcomes
+from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io import provenance
 from lis_grasp.io.request_lines import answer_lines
@@ -169,6 +170,12 @@ def _save_touches(path: Path) -> None:
     log = TouchLog(path, {"object": "box", "seed": 0})
     for i in range(4):
         log.append(ProbeOutcome(probe, "touched", contacts.subset([i]), duration=1.0))
+    sliding, start = replace(probe, slides=[[0.0, 0.03, 0.0]]), PoseBelief.start()
+    for i, belief in enumerate((start, replace(start, trust="lost"), start)):
+        both = contacts.subset([4 + 2 * i, 5 + 2 * i])
+        log.append(ProbeOutcome(sliding, "touched", both, slid=1, tracked=belief))
+    found = replace(start, joined=planar_pose(np.array([0.01, 0.02, 0.3])))
+    log.append(ProbeOutcome(probe, "touched", contacts.subset([10]), tracked=found))
     log.append(ProbeOutcome(probe, "missed", free_points=contacts.free_points))
     log.append(ProbeOutcome(probe, "blocked", reason="out of reach"))
     log.end("as many touches as asked for")
@@ -334,6 +341,8 @@ def _check_touches(path: Path) -> None:
         assert np.isfinite(outcome.contacts.points).all()
         assert isinstance(outcome.reason, str)
         assert np.isfinite(outcome.moved)
+    explored = Exploration.replay(outcomes)
+    assert explored.made <= len(explored.contacts) == len(explored.touches)
     assert len(TouchLog(path, {"object": "box", "seed": 0}).read().outcomes) <= len(outcomes)
 
 
@@ -494,7 +503,7 @@ def _write_evaluation(folder: Path) -> Path:
 
 def _write_evaluation_rows(folder: Path) -> Path:
     job = next(Configuration.load(SHIPPED / "quick.yaml", ["surfaces"]).jobs(None))
-    row = {"part": "surfaces", "job_seconds": 1.0, "version": lis_grasp.__version__}
+    row = {"part": "surfaces", "job_seconds": 1.0, "version": lis_grasp.__version__, "commit": "0"}
     row |= SURFACES.facts(job.trial.trial) | {"estimator": "blend", "rmsd": 0.001}
     EvaluationResults(folder).lines.append([row])
     return folder / "rows.jsonl"
