@@ -152,6 +152,10 @@ def test_options_named_alone_exist() -> None:
         assert option in _options()[""] | others, f"{page}: {option}"
 
 
+def test_a_row_of_a_table_is_one_line() -> None:
+    assert not _found(r"\n(\|[^\n]*[^|\s][ ]*)\n")
+
+
 def test_named_files_of_the_project_exist() -> None:
     folders = "lis_grasp|tests|benchmarks|examples|models|notebooks|docs"
     named = _found(rf"`((?:{folders})/[\w./-]+)`")

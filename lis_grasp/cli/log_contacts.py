@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.cli.progress import PRINTED, Stage, say
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidInputError, InvalidOptionError
 from lis_grasp.geometry import make_pose
 from lis_grasp.io import provenance
 from lis_grasp.logs.contacts import Finger, LogFrames, contacts_from_log
@@ -190,6 +190,8 @@ def _of_patches(options: argparse.Namespace) -> Contacts:
     with Stage("Finding contacts") as stage:
         contacts = contacts_from_patches(patches, detection)
         stage.result = f"{len(contacts)} contacts"
+    if not len(contacts):
+        raise InvalidInputError("no patch is pressed in far enough: give a lower --indentation")
     X_FO = _pose(options.object_frame)
     return contacts if X_FO is None else contacts.in_frame(X_FO)
 

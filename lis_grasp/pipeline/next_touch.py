@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError, InvalidOptionError, counted, require_positive
+from lis_grasp.exceptions import EstimationError, InvalidOptionError, require_positive
 from lis_grasp.exploration import (
     STEP_FRACTION,
     ExplorationSetup,
@@ -141,11 +141,9 @@ class ObjectPlace:
         if self.region is not None:
             return Region(self.region)
         if self.size is None and not contacts.extent:
-            raise InvalidOptionError(
-                f"{counted(len(contacts), 'contact')} at one place cannot show the object's size:"
-                " give it by `size`",
-                option="size",
-            )
+            felt = "contacts at one place" if len(contacts) else "no contact yet"
+            message = f"the object's size is unknown ({felt}): give it by `size`, or a `region`"
+            raise InvalidOptionError(message, option="size")
         if self.size is not None:
             require_positive(size=self.size)
         size = _BEYOND_CONTACTS * contacts.extent if self.size is None else self.size

@@ -100,7 +100,9 @@ def test_implausible_patches_are_refused(
         TactilePatches(heights, poses, pitch)
 
 
-def test_the_verb_writes_contacts_of_patches_in_the_frame_of_the_object(tmp_path: Path) -> None:
+def test_the_verb_writes_contacts_of_patches_in_the_frame_of_the_object(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     poses, X_FO = _poses(random_directions(4, np.random.default_rng(3))), np.eye(4)
     X_FO[:3, 3] = 0.4, -0.1, 0.2
     path, half = tmp_path / "p.npz", BALL.astype(np.float32)
@@ -111,6 +113,8 @@ def test_the_verb_writes_contacts_of_patches_in_the_frame_of_the_object(tmp_path
     made = Contacts.load(tmp_path / "contacts.ply")
     assert len(made) > 40
     assert_allclose(np.linalg.norm(made.points, axis=1), RADIUS, atol=1e-6)
+    assert main(["contacts", str(path), "--indentation", "0.1"]) == 2
+    assert "give a lower --indentation" in capsys.readouterr().err
     np.savez(path, heights=BALL)
     with pytest.raises(InvalidFileError, match=r"p\.npz"):
         TactilePatches.load(path)

@@ -74,8 +74,12 @@ def test_what_was_before_a_loss_does_not_count(explored: Exploration) -> None:
 
 
 def test_without_contacts_the_size_is_needed() -> None:
-    with pytest.raises(InvalidOptionError, match="`size`"):
-        ObjectPlace(held=True).space(Contacts.empty())
+    for known_contacts, felt in (
+        (Contacts.empty(), "no contact yet"),
+        (Contacts([[0.0, 0.0, 0.1]], [[0.0, 0.0, 1.0]]), "contacts at one place"),
+    ):
+        with pytest.raises(InvalidOptionError, match=rf"\({felt}\): .*`size`, or a `region`"):
+            ObjectPlace(held=True).space(known_contacts)
     with pytest.raises(InvalidOptionError, match="`support` none"):
         ObjectPlace(size=0.1).space(Contacts.empty())
     space = ObjectPlace(size=0.1, held=True).space(Contacts.empty())
