@@ -8,7 +8,10 @@ fail() { say "$*"; exit 1; }
 
 extras=$(IFS=,; echo "$*")
 python="${PYTHON:-python3}"
-case "$extras" in *[!a-z0-9,_-]*) fail "extras are words such as dev or study; they are '$*'" ;; esac
+known=$(sed -n '/^\[project.optional/,/^\[tool/s/^\([a-z]*\) = \[.*/\1/p' pyproject.toml)
+for extra in ${extras//,/ }; do
+  grep -qxF -e "$extra" <<<"$known" || fail "there is no extra '$extra'; the extras are ${known//$'\n'/, }"
+done
 
 # An environment that exists keeps its Python, whatever the default one is.
 [ -x .venv/bin/python ] && python=.venv/bin/python
@@ -33,7 +36,9 @@ if [ ! -x .venv/bin/python ]; then
   "$python" -m venv .venv || fail "venv failed: on Debian and Ubuntu, install python3-venv"
 fi
 say "installing lis_grasp${extras:+ with $extras}: 0.9 GB the first time, with extras more, a few minutes"
-.venv/bin/python -m pip install --quiet --disable-pip-version-check --editable ".${extras:+[$extras]}"
+quiet=--quiet
+[ ! -t 2 ] || quiet="" # a terminal shows the progress of pip
+.venv/bin/python -m pip install $quiet --disable-pip-version-check --editable ".${extras:+[$extras]}"
 
 say "done: $(.venv/bin/lis-grasp --version) in .venv; next:"
 say "  .venv/bin/lis-grasp doctor                      # checks this machine"

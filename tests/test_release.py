@@ -4,6 +4,7 @@ import json
 import re
 import runpy
 import shlex
+import subprocess
 import sys
 from pathlib import Path
 
@@ -102,6 +103,17 @@ def test_the_source_has_what_is_at_the_root_only() -> None:
     for name in json.loads(included):
         assert name.startswith("/")
         assert (ROOT / name[1:]).exists()
+
+
+@pytest.mark.parametrize("extra", ["--help", "studdy", "dev,de.", "a b; false"])
+def test_the_bootstrap_refuses_what_is_no_extra_before_it_installs(extra: str) -> None:
+    done = subprocess.run(
+        ["bash", ROOT / "bootstrap.sh", extra], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert re.fullmatch(
+        r"bootstrap: there is no extra '\S+'; the extras are .*study.*\n", done.stderr
+    )
 
 
 def test_the_bootstrap_knows_every_supported_python() -> None:
