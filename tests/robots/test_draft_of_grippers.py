@@ -386,6 +386,7 @@ def test_pads_of_tips_that_are_kept_parallel_face_each_other_straight(tmp_path: 
         ("rh_thtip", "thumb"),
         ("th", "thumb"),
         ("ff_link_3", "index"),
+        ("lf", "left"),  # of two fingers: no little one
         ("three", "three"),
         ("off_side", "off_side"),
         ("right_index_tip", "index"),
@@ -396,6 +397,7 @@ def test_a_short_name_of_a_finger_is_a_word_of_its_own(
 ) -> None:
     parts = [part.replace('"left', f'"{name}') for part in jaw()]
     fingers = find_fingers(read_description(written(tmp_path, link(*BASE), *parts)))
+    assert len(fingers) == 2
     assert expected in {finger.name for finger in fingers}
 
 

@@ -293,6 +293,7 @@ def _renamed(fingers: Sequence[Finger]) -> list[Finger]:
     """Name fingers as people do where the names of links say so, else by the links."""
     words = ("thumb", "index", "middle", "ring", "little", "pinky", "left", "right")
     short = {"th": "thumb", "ff": "index", "mf": "middle", "rf": "ring", "lf": "little"}
+    short |= {"rf": "right", "lf": "left"} if len(fingers) == 2 else {}  # of a gripper
     names = []
     for finger in fingers:
         low = finger.link.lower()
