@@ -97,9 +97,11 @@ class Contacts(Record, metaclass=Answering):
             lengths = np.linalg.norm(normals, axis=1)  # (N,)
         if np.any(np.abs(lengths - 1.0) > _UNIT_TOLERANCE):
             worst = int(np.argmax(np.abs(lengths - 1.0)))
+            exchanged = np.allclose(np.linalg.norm(points, axis=1), 1.0, atol=_UNIT_TOLERANCE)
+            cure = "exchange them with the points" if exchanged else "divide each by its length"
             raise InvalidContactsError(
                 f"normals must have unit length; normal {worst} has length {lengths[worst]:.4g}:"
-                " divide each by its length",
+                f" {cure}",
                 field="normals",
                 row=worst,
             )

@@ -38,8 +38,9 @@ def shown(value: object) -> str:
 
 def nearest_of(value: object, choices: Iterable[str]) -> str:
     """Return ": did you mean '...'?" with the most similar choice, or nothing."""
-    close = difflib.get_close_matches(str(value)[:_LONGEST], list(choices), n=1)
-    return f": did you mean '{close[0]}'?" if close else ""
+    names = {name.lower(): name for name in sorted(choices)}
+    close = difflib.get_close_matches(str(value)[:_LONGEST].lower(), names, n=1)
+    return f": did you mean '{names[close[0]]}'?" if close else ""
 
 
 def nearest_or_all(value: object, choices: Iterable[str]) -> str:

@@ -75,6 +75,14 @@ def test_contacts_do_not_follow_the_array_they_were_made_of() -> None:
     assert contacts.normals[0, 0] == 0.0
 
 
+def test_points_in_place_of_normals_are_answered() -> None:
+    points = np.array([[0.03, 0.0, 0.0], [0.0, 0.0, 0.04]])
+    normals = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    for swapped, cure in ((normals, "exchange them"), (2.0 * normals, "divide each")):
+        with pytest.raises(InvalidContactsError, match=f"normals must .* length .*: {cure}"):
+            Contacts(swapped, points)
+
+
 def test_normals_of_few_digits_become_unit_length() -> None:
     contacts = Contacts([[0, 0, 0]], [[0.577, 0.577, 0.577]])
     assert np.linalg.norm(contacts.normals[0]) == pytest.approx(1.0, abs=1e-15)

@@ -170,6 +170,12 @@ def test_links_of_pages_outside_the_site_lead_somewhere() -> None:
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def test_rows_of_tables_are_lines() -> None:
+    for page in PAGES:
+        rows = [line for line in _text(page).splitlines() if line.startswith("| ")]
+        assert [line for line in rows if not line.endswith(" |")] == [], page.name
+
+
 def _module_of(name: str) -> tuple[Any, str] | None:
     """Return the module in a dotted name and the rest, or None if it needs a missing extra."""
     module = name

@@ -174,6 +174,10 @@ def test_an_unknown_option_is_refused_with_the_nearest(tmp_path: Path) -> None:
     for given, meant in (("count", "grasps"), ("mu", "friction")):
         with pytest.raises(TypeError, match=f"'{given}': did you mean '{meant}'"):
             lis_grasp.plan("box", **{given: 1})
+    with pytest.raises(TypeError, match="'n': it has .*touches"):  # not the nearest of "grasps"
+        lis_grasp.explore("box", n=3)
+    with pytest.raises(InvalidOptionError, match="'GPIS': did you mean 'gpis'"):
+        lis_grasp.estimate(CONTACTS, "GPIS")
     with pytest.raises(TypeError, match="'whatever': it has .*friction, grasps"):
         lis_grasp.plan("box", whatever=1)
     with pytest.raises(TypeError, match="^grasp .*Grasp"):
@@ -386,6 +390,7 @@ def test_a_guessed_class_method_is_answered(owner: type, name: str, advice: str)
         (lambda: lis_grasp.Scene(3), "write Scene(estimate=..., contacts=...)"),
         (lambda: Hand("my.yaml"), "write Hand.load('my.yaml')"),
         (lambda: Contacts("contacts.csv"), "write load_contacts(path)"),
+        (lambda: lis_grasp.estimate(np.eye(3)), "write Contacts(points, normals) or load"),  # type: ignore[arg-type]
         (lambda: lis_grasp.extract_mesh(3), "such as estimate(contacts); it is of type int"),
     ],
 )

@@ -165,7 +165,7 @@ def grasp_file(
     mesh = load_mesh(path, options, recorded, progress)
     for warning in recorded.get("warnings") or ():
         if support is None or not warning.startswith(NO_TABLE):
-            progress.say(f"{_WARNING}of the estimate: {warning}")
+            progress.say(f"{_WARNING}{warning}")
     hand = Hand.load(config.hand)
     lowest = float(mesh.bounds[0, 2])
     table = recorded.get("support_height", lowest) if support is None else support
@@ -173,7 +173,7 @@ def grasp_file(
     if support is None and "support_height" not in recorded:
         progress.say(f"{_WARNING}{NO_TABLE}: `support` is {table:.4g} m, the lowest point")
     elif (below := round(1e3 * (table - lowest))) > 0:
-        progress.say(f"{_WARNING}the mesh reaches {below} mm below the plane of `support`")
+        progress.say(f"{_WARNING}the mesh reaches {below} mm below the table, z = {table:.4g} m")
     known = Known.for_mesh(config, hand, mesh, table, recorded_base(options, recorded))
     facts = recorded | station_facts(known.station) | planning_facts(config)
     path = (path.parent if folder is None else folder) / "grasps.json"

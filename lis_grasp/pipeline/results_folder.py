@@ -132,7 +132,7 @@ def results_folder(config: RunConfig, named: Path | str | None) -> Path:
     if differing:
         raise InvalidOptionError(
             f"{folder} has results of another {' and '.join(differing)}"
-            f" ({recorded[differing[0]]}): name another by `folder`",
+            f" ({recorded[differing[0]]}): name another folder by `folder`",
             option="folder",
             value=str(folder),
         )

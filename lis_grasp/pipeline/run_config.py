@@ -385,11 +385,9 @@ def require_used(stage: Callable[..., Any], given: Iterable[str], used: Sequence
     It uses its own keywords and the fields `used` of a configuration.
     """
     accepted = (*used, *(stage.__kwdefaults__ or ()))
-    for name in given:
-        if name in accepted:
-            continue
+    for name in (name for name in given if name not in accepted):
         if name in options_of(RunConfig):
             listed = ", ".join(accepted)
             raise TypeError(f"{stage.__name__} does not use the option '{name}', but {listed}")
-        nearest = nearest_or_all(_GUESSES.get(name, name), accepted)
+        nearest = nearest_or_all(m if (m := _GUESSES.get(name)) in accepted else name, accepted)
         raise TypeError(f"{stage.__name__} has no option '{name}'{nearest}")

@@ -168,27 +168,27 @@ def load_contacts(
         raise InvalidOptionError.not_one_of("normals", normals, get_args(NormalSide))
     fields, units = in_metres(Path(path), read_point_file(Path(path)), units)
     approach, own_normals = fields.pop("approach"), fields.pop("normals")
+    points = fields["points"]
     require_range("fingertip_radius", fingertip_radius, unit="m")
     try:
-        require_plausible_size(fields["points"], units)
-        _note_table(path, fields["points"], own_normals)
+        require_plausible_size(points, units)
         if own_normals is None:
+            _note_table(path, points, None)
             own = fields.get("position_noise")
-            known = own
-            if position_noise is not None:
-                known = filled(own, position_noise, len(fields["points"]))
+            known = own if position_noise is None else filled(own, position_noise, len(points))
             estimated = estimate_normals(
-                fields["points"],
+                points,
                 approach=approach,
                 free_points=fields.get("free_points"),
                 free_radii=fields.get("free_radii"),
                 fingertip_radius=fingertip_radius,
                 position_noise=known,
             )
-            _require_own_side(fields["points"], estimated, fingertip_radius)
+            _require_own_side(points, estimated, fingertip_radius)
             kept = {name: fields[name] for name in ("forces", "times", "fingers") if name in fields}
             return replace(estimated, **kept, position_noise=own)
         contacts = Contacts(**fields, normals=own_normals)
+        _note_table(path, points, own_normals)
         if approach is not None:
             contacts = with_approach(contacts, approach)
         if viewpoint is not None or normals == "unsigned":
@@ -210,9 +210,8 @@ def load_contacts(
 
 def _require_own_side(centers: FloatArray, contacts: Contacts, fingertip_radius: float) -> None:
     """Raise if a fingertip's radius moved its centres (N, 3) to contacts behind the object."""
-    if not fingertip_radius or fraction_in_front(contacts) <= INWARD:
-        return
-    if fraction_in_front(replace(contacts, points=centers)) <= INWARD:
+    before = fraction_in_front(replace(contacts, points=centers))
+    if fingertip_radius and before <= INWARD < fraction_in_front(contacts):
         raise InvalidOptionError(
             f"fingertip_radius must be that of the fingertip in metres; {fingertip_radius:g} moves"
             " the contacts to the other side of the object",

@@ -150,8 +150,7 @@ def estimate(
     """
     if not isinstance(contacts, Contacts):
         raise TypeError(
-            f"contacts must be Contacts, such as those of load_contacts; they are of type"
-            f" {type(contacts).__name__}"
+            f"write Contacts(points, normals) or load_contacts(path), not {type(contacts).__name__}"
         )
     make = find_estimator(estimator) if isinstance(estimator, str) else estimator
     for name in sorted(options.keys() - _accepted(make, options).keys()):

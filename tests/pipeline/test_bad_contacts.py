@@ -93,7 +93,12 @@ def test_few_places_are_warned_of_by_grasps_too(tmp_path: Path, copies: int) -> 
 
 @pytest.mark.parametrize(
     ("support", "warning"),
-    [(None, "no table is known"), (0.0, "reaches 20 mm below"), (-0.02, ""), (-0.03, "")],
+    [
+        (None, "no table is known"),
+        (0.0, "reaches 20 mm below the table, z = 0 m"),
+        (-0.02, ""),
+        (-0.03, ""),
+    ],
 )
 def test_a_table_that_is_unknown_or_inside_the_mesh_is_warned_of(
     tmp_path: Path, support: float | None, warning: str
