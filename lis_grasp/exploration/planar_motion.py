@@ -212,15 +212,15 @@ class PoseBelief:
         start = cls.start()
         given = {field.name: values[field.name] for field in fields(cls) if field.name in values}
         trust: PoseTrust = "lost" if values["lost"] else "trusted"
-        doubts = int(values["doubts"])  # below 0 on probation
-        if doubts:
+        if doubts := int(values["doubts"]):  # below 0 on probation
             trust = "doubted" if doubts > 0 else "on_probation"
-        for name in ("X_WE", "means", "covariances", "log_weights"):
+        for name in ("means", "covariances", "log_weights"):
             shape, array = getattr(start, name).shape, np.array(given[name], dtype=np.float64)
             if array.shape != shape or not np.isfinite(array).all():
                 required = f"finite numbers of shape {shape}"
                 raise InvalidOptionError.out_of_range(name, given[name], required)
             given[name] = array
-        if given.get("joined") is not None:
-            given["joined"] = require_pose("joined", given["joined"])
+        for name in ("X_WE", "joined"):
+            if given.get(name) is not None:
+                given[name] = require_pose(name, given[name])
         return cls(**{**given, "trust": trust, "count": abs(doubts)})

@@ -203,10 +203,11 @@ def test_the_log_keeps_both_poses_to_the_last_bit(tmp_path: Path) -> None:
     (read,) = log.read().outcomes
     assert read.tracked.as_dict() == belief.as_dict()
     np.testing.assert_array_equal(read.simulated_pose, X_EF)
-    text = log.path.read_text().replace('"X_WE": [[1', '"X_WE": [["a"', 1)
-    log.path.write_text(text)
-    with pytest.raises(InvalidFileError):
-        log.read()
+    text = log.path.read_text()
+    for wrong in ('"a"', "2"):  # no rotation
+        log.path.write_text(text.replace('"X_WE": [[1', f'"X_WE": [[{wrong}', 1))
+        with pytest.raises(InvalidFileError):
+            log.read()
 
 
 def test_an_outcome_in_another_frame_is_the_same_touch() -> None:
