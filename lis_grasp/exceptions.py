@@ -242,7 +242,7 @@ def require_packages(*names: str, extra: str, option: str = "") -> None:
 
 def _missing(name: str, extra: str, option: str) -> InvalidOptionError:
     return InvalidOptionError(
-        f"{option or 'this'} needs {name}, which is not installed: pip install"
-        f" 'lis-grasp[{extra}]', or in a clone: bash bootstrap.sh {extra}",
+        f"{option or 'this'} needs {name}, which is not installed: bash bootstrap.sh {extra}"
+        f" in a clone, or pip install 'lis-grasp[{extra}]'",
         option=option,
     )
