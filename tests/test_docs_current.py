@@ -223,7 +223,7 @@ _VERBS = "docs/reference/command-line.md"
 # Counts in prose: a pattern with the number, and what it must be.
 _COUNTS: tuple[tuple[str, str, Callable[[], int]], ...] = (
     ("docs/hands.md", r"(\w+) vendors' hands are ready", lambda: len(VENDOR_HANDS)),
-    ("docs/hands.md", r"the (\w+) built-in shapes", lambda: len(NAMES)),
+    ("docs/results.md", r"the (\w+) built-in shapes", lambda: len(NAMES)),
     (
         "docs/reference/command-line.md",
         r"on the (\d+) objects of the default",

@@ -69,14 +69,17 @@ class CommandsPart(SeedsPart):
         ]
         outcomes: list[Column] = [
             ("held (95 %)", _held),
-            ("without violation", _held_within_limits),
             ("attempts", mean_cell("attempts", digits=2)),
-            ("effort", median_cell("effort", digits=2)),
-            ("speed", median_cell("speed", digits=2)),
             ("rmsd [mm]", median_cell("rmsd", 1e3, 2)),
             ("motion [s]", median_cell("motion", digits=0)),
             ("other reasons", _reasons),
         ]
+        if any(row.get("effort") is not None for row in lifts):  # of an arm
+            outcomes[1:1] = [
+                ("without violation", _held_within_limits),
+                ("effort", median_cell("effort", digits=2)),
+                ("speed", median_cell("speed", digits=2)),
+            ]
         runs = split(lifts, "command", "object")
         runs |= {(name, ALL): of for name, of in split(lifts, "command").items()}
         title, first = "Runs, lost ones by their reasons", "command | object"

@@ -170,6 +170,7 @@ class GraspsPart(LiftsPart):
         named = [r | {"family": family[r["object"]]} for r in once]
         several = [r | {"attempts": f"x{r['attempts']}"} for r in rows]
         groups = split(named, "estimator", "touches") | split(named, "estimator", "family")
+        groups |= split(named, "estimator", "family", "touches")
         groups |= split(several, "estimator", "attempts")
         found = {name: held_rate(of) for name, of in split(once, "estimator").items()}
         found |= {" ".join(map(str, key)): held_rate(of) for key, of in groups.items()}
