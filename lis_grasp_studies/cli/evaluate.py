@@ -18,11 +18,11 @@ from lis_grasp.exceptions import (
     require_packages,
 )
 from lis_grasp.io.atomic_writing import sole_writer, write_text
-from lis_grasp.io.json_lines import Row
 from lis_grasp.version import __version__
 from lis_grasp_studies.harness.program import add_scheduler, require_no_workers, scheduler_of
 
 if TYPE_CHECKING:
+    from lis_grasp.io.json_lines import Row
     from lis_grasp_studies.evaluation.configuration import Configuration
     from lis_grasp_studies.evaluation.results import EvaluationResults
 

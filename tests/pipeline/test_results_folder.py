@@ -249,7 +249,7 @@ def test_recorded_files_are_found_from_another_folder(
     assert (facts["hand"], facts["arm"]) == ("wsg50", "iiwa14")
     (tmp_path / "part.stl").unlink()
     facts = read_facts(results / "grasps.json")
-    with pytest.raises(InvalidFileError, match=rf"no file part.stl in {elsewhere}: .*`object`"):
+    with pytest.raises(InvalidFileError, match=rf"no file part.stl in {elsewhere}: .*its option"):
         shapes.find(facts["object"])
 
 
