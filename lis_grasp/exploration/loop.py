@@ -270,13 +270,15 @@ def sought_ends(setup: ExplorationSetup, state: ExplorationState) -> str:
 
 
 def _not_found(setup: ExplorationSetup, state: ExplorationState) -> str:
-    return f"; not found: {sought}" if (sought := sought_ends(setup, state)) else ""
+    sought = sought_ends(setup, state)
+    return f"; not found: {sought}" if sought else ""
 
 
 def _reason_to_end(setup: ExplorationSetup, state: ExplorationState) -> str | None:
     if setup.touches is not None:
         if (made := state.result.made) >= setup.touches:
-            more = f" and {slid} at ends of slides" if (slid := len(state.contacts) - made) else ""
+            slid = len(state.contacts) - made
+            more = f" and {slid} at ends of slides" if slid else ""
             return f"{counted(made, 'contact')}{more} made{_not_found(setup, state)}"
         if len(state.outcomes) >= _PROBES_PER_TOUCH * setup.touches + _SPARE_PROBES:
             return f"{counted(len(state.outcomes), 'probe')} made{_not_found(setup, state)}"

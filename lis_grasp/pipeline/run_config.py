@@ -385,9 +385,12 @@ def require_used(stage: Callable[..., Any], given: Iterable[str], used: Sequence
     It uses its own keywords and the fields `used` of a configuration.
     """
     accepted = (*used, *(stage.__kwdefaults__ or ()))
-    for name in (name for name in given if name not in accepted):
+    for name in given:
+        if name in accepted:
+            continue
         if name in options_of(RunConfig):
             listed = ", ".join(accepted)
             raise TypeError(f"{stage.__name__} does not use the option '{name}', but {listed}")
-        nearest = nearest_or_all(m if (m := _GUESSES.get(name)) in accepted else name, accepted)
+        meant = _GUESSES.get(name)
+        nearest = nearest_or_all(meant if meant in accepted else name, accepted)
         raise TypeError(f"{stage.__name__} has no option '{name}'{nearest}")

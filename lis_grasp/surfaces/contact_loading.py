@@ -210,8 +210,9 @@ def load_contacts(
 
 def _require_own_side(centers: FloatArray, contacts: Contacts, fingertip_radius: float) -> None:
     """Raise if a fingertip's radius moved its centres (N, 3) to contacts behind the object."""
-    before = fraction_in_front(replace(contacts, points=centers))
-    if fingertip_radius and before <= INWARD < fraction_in_front(contacts):
+    if not fingertip_radius or fraction_in_front(contacts) <= INWARD:
+        return
+    if fraction_in_front(replace(contacts, points=centers)) <= INWARD:
         raise InvalidOptionError(
             f"fingertip_radius must be that of the fingertip in metres; {fingertip_radius:g} moves"
             " the contacts to the other side of the object",
