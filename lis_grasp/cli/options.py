@@ -145,7 +145,7 @@ def configure_touch(options: argparse.Namespace) -> RunConfig:
     if options.region is not None:
         conditions["pose"] = conditions["pose"] or STABLE
     config = RunConfig.from_facts(vars(options), conditions)
-    if options.slide and (config.free or config.arm or config.fingers != "one"):
+    if options.slide and not config.may_slide:
         needed = "a fixed object (--clamped or --known), one finger and no arm"
         raise InvalidOptionError(f"--slide needs {needed}", option="--slide")
     return config

@@ -297,12 +297,19 @@ def maps_of(outcomes: Sequence[ProbeOutcome]) -> list[dict[int, ProbeOutcome]]:
 
 def are_touches(contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> BoolArray:
     """Return which contacts of one map's outcomes, (N,), are touches: made first by no slide."""
+    if not any(outcome.slid for outcome in outcomes):
+        return np.ones(len(contacts), dtype=np.bool_)
     touched = {
         point.tobytes(): k < len(outcome.contacts) - outcome.slid
         for outcome in reversed(outcomes)
         for k, point in reversed([*enumerate(outcome.contacts.points)])
     }
     return np.array([touched.get(p.tobytes(), True) for p in contacts.points], dtype=np.bool_)
+
+
+def touches_made(contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> int:
+    """Return how many contacts of the present map are touches, and no ends of slides."""
+    return int(are_touches(contacts, present_map(outcomes)).sum())
 
 
 def present_map(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:

@@ -20,6 +20,7 @@ from lis_grasp.exploration.probe import (
     are_touches,
     maps_of,
     present_map,
+    touches_made,
 )
 from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.stopping import StopRule
@@ -150,7 +151,7 @@ class Exploration(Record):
         contacts, used = Contacts.empty(), 0
         for used in range(1, len(outcomes) + 1):
             contacts = contacts_after(contacts, outcomes[:used], touches)
-            if touches is not None and cls(contacts, tuple(outcomes[:used])).made >= touches:
+            if touches is not None and touches_made(contacts, outcomes[:used]) >= touches:
                 break
         return cls(contacts, tuple(outcomes[:used]), "replayed")
 
@@ -170,9 +171,7 @@ class Exploration(Record):
     @property
     def made(self) -> int:
         """How many of the contacts are touches, and no ends of slides."""
-        if not any(outcome.slid for outcome in self.outcomes):
-            return len(self.contacts)
-        return int(are_touches(self.contacts, present_map(self.outcomes)).sum())
+        return touches_made(self.contacts, self.outcomes)
 
     @property
     def simulated_pose(self) -> FloatArray | None:
@@ -205,7 +204,7 @@ def contacts_after(
     if last.lost or last.joined:
         return contacts_of(maps_of(outcomes)[1], outcomes, touches)
     clock = sum(o.duration for o in outcomes[:-1])
-    room = None if touches is None else touches - Exploration(contacts, tuple(outcomes[:-1])).made
+    room = None if touches is None else touches - touches_made(contacts, outcomes[:-1])
     return _with_those_of(contacts, last, clock, room)
 
 

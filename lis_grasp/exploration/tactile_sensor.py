@@ -91,9 +91,9 @@ class TactileSensor:
         if outcome.status == "missed":
             return self._false_touch(outcome, rng) if rng.random() < self.false_rate else outcome
         made = len(outcome.contacts) - outcome.slid
-        reported = self.sense(outcome.contacts.subset(np.arange(made)), rng=rng)
+        reported = self.sense(outcome.contacts[:made], rng=rng)
         if len(reported):
-            end = outcome.contacts.subset(np.arange(made, len(outcome.contacts)))
+            end = outcome.contacts[made:]
             end = self.sense(end, rng=rng) if len(end) else end
             return replace(outcome, contacts=reported.append(end), slid=len(end))
         # The hand stopped at a contact that it did not detect: the rest of its path is not free.

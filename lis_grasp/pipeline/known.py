@@ -127,7 +127,7 @@ class Known(Perception):
         return Known(
             **vars(Perception.from_config(config, support)),
             **{name: getattr(config, name) for name in _DECISIONS},
-            slide=0.0 if config.free else config.slide,
+            slide=config.slide if config.may_slide else 0.0,
             hand=hand,
             space=_for_fingertips(space, hand),
             support=support,

@@ -350,6 +350,11 @@ class RunConfig(metaclass=Answering):
             facts |= {name: values[name] for name in facts if values.get(name) is not None}
         return cls(**facts)
 
+    @property
+    def may_slide(self) -> bool:
+        """Whether a fingertip may slide: on a fixed object, alone, and without an arm."""
+        return not self.free and self.arm is None and self.fingers == "one"
+
     def mass_of(self, mesh: trimesh.Trimesh) -> float:
         """Return the configured mass of an object [kg], or else `default_mass` of its mesh."""
         return default_mass(mesh, self.object) if self.mass is None else self.mass

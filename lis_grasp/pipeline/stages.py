@@ -175,7 +175,7 @@ def exploration_setup(known: Known) -> ExplorationSetup:
         prior=prior_contacts(known.cloud_contacts),
         sensor=known.sensor,
         find_strays=None if known.keep_all else lambda c: judge(c).rows("stray"),
-        slide=known.slide if known.station is None else 0.0,
+        slide=known.slide,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 import trimesh
@@ -28,9 +29,10 @@ TOUCHING = 2e-5
 
 AT_TABLE = "the table ended the motion"
 
-# A slide presses the tip onto the surface again after each such step [m].
-_SLIDE_STEP = 0.0025
-# It ends where the surface has turned by 60 degrees from the first contact.
+SLIDE_STEP = 0.0025
+"""Step after which a slide presses the tip onto the surface again, lifted by as much [m]."""
+
+# A slide ends where the surface has turned by 60 degrees from the first contact.
 _LEAST_TURN_COSINE = 0.5
 # It has come to an edge where a contact proceeds by less than this fraction of a step.
 _PROGRESS = 0.5
@@ -62,7 +64,7 @@ class GuardedMotion:
             raise InvalidMeshError("touching needs a watertight mesh: load it with `shapes.load`")
         self._mesh = mesh
         self._checker = HandCollisionChecker(hand, mesh)
-        self._fingers, self._normals = hand.link_fingers, face_normals(mesh)
+        self._fingers = hand.link_fingers
         self._poses = {
             name: self._checker.poses_in_hand(posture.joint_positions)
             for name, posture in hand.probe_postures.items()
@@ -119,6 +121,15 @@ class GuardedMotion:
         slide = self._slide(probe, course, obstacles)
         return course if slide is None else replace(course, slide=slide)
 
+    @cached_property
+    def face_normals(self) -> FloatArray:
+        """Unit normals of the mesh, shape (F, 3); that of its surroundings where a face is flat."""
+        normals = np.array(self._mesh.face_normals)
+        flat = np.linalg.norm(normals, axis=1) < 0.5
+        around = np.asarray(self._mesh.vertex_normals)[self._mesh.faces[flat]].sum(axis=1)  # (K, 3)
+        normals[flat] = unit(around, least=1e-12)
+        return normals
+
     def _slide(self, probe: Probe, course: Course, obstacles: ObstacleModel | None) -> Slide | None:
         """Slide a touching fingertip of the placed hand along the surface; None if it cannot.
 
@@ -126,13 +137,15 @@ class GuardedMotion:
         after another the tip goes back. The hand does not turn.
         """
         finger, touched = course.finger, course.touched
-        if touched is None or self._fingers.get(touched.link) != finger or self._X_OE is not None:
+        if not len(probe.slides) or course.way is not None or self._X_OE is not None:
+            return None
+        if touched is None or self._fingers.get(touched.link) != finger:
             return None
         height, slide = -np.inf, None
         if obstacles is not None and obstacles.space.support_height is not None:
             lowest = float(self._checker.lowest(course.last.X_OH @ self._poses[finger]))
             height = obstacles.space.support_height - lowest
-        for wanted in probe.slides if course.way is None else ():
+        for wanted in probe.slides:
             slide = self._slide_along(wanted, course, height, slide)
             if slide.touched is not None:
                 break
@@ -150,7 +163,7 @@ class GuardedMotion:
         """
         assert course.touched is not None
         leg, end, length = course.last, course.touched, 0.0
-        first = normal = self._normals[end.face]
+        first = normal = self.face_normals[end.face]
         at, far, turned = leg.length * leg.direction, float(np.linalg.norm(wanted)), False
         places = [at]
         while length < far - TOUCHING and not turned:
@@ -158,23 +171,23 @@ class GuardedMotion:
             if np.linalg.norm(along) < _LEAST_TURN_COSINE * far:
                 break
             along = unit(along)
-            step = min(_SLIDE_STEP, far - length)
-            lifted = at + _SLIDE_STEP * normal
+            step = min(SLIDE_STEP, far - length)
+            lifted = at + SLIDE_STEP * normal
             ahead = lifted + step * along
-            if (ahead - 2.0 * _SLIDE_STEP * normal)[2] < height:
+            if (ahead - 2.0 * SLIDE_STEP * normal)[2] < height:
                 break
             wall, way = self._advance(along, step, lifted)
             if wall is not None:
                 if way > 0.0:
-                    length, end, normal = length + way, wall, self._normals[wall.face]
+                    length, end, normal = length + way, wall, self.face_normals[wall.face]
                     places.append(lifted + way * along)
                     turned = normal @ first < _LEAST_TURN_COSINE
                 break
-            found, drop = self._advance(-normal, 2.0 * _SLIDE_STEP, ahead)
+            found, drop = self._advance(-normal, 2.0 * SLIDE_STEP, ahead)
             if found is None or self._fingers.get(found.link) != course.finger:
                 places.append(ahead)
                 break
-            there = self._normals[found.face]
+            there = self.face_normals[found.face]
             proceeds = (found.point - end.point) @ along >= _PROGRESS * step
             if not proceeds or there @ normal < _LEAST_TURN_COSINE:  # an edge
                 break
@@ -265,15 +278,6 @@ class GuardedMotion:
             if travelled >= length:
                 return None, length
             travelled = min(travelled + nearest.distance, length)
-
-
-def face_normals(mesh: trimesh.Trimesh) -> FloatArray:
-    """Return unit normals, shape (F, 3); a triangle without area has that of its surroundings."""
-    normals = np.array(mesh.face_normals)
-    flat = np.linalg.norm(normals, axis=1) < 0.5
-    around = np.asarray(mesh.vertex_normals)[mesh.faces[flat]].sum(axis=1)  # (K, 3)
-    normals[flat] = unit(around, least=1e-12)
-    return normals
 
 
 def _balls_in_hand(hand: Hand, posture: ProbePosture) -> FloatArray:

@@ -14,7 +14,7 @@ from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose
-from lis_grasp.probing.guarded_motion import TOUCHING, GuardedMotion, face_normals
+from lis_grasp.probing.guarded_motion import TOUCHING, GuardedMotion
 from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import Joint
@@ -51,12 +51,11 @@ class KinematicProber:
         self._motion = GuardedMotion(hand, mesh, station)
         self._extender = FingerExtender(hand, mesh) if fingers == "all" else None
         self._link_fingers = hand.link_fingers
-        self._normals = face_normals(mesh)
 
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
         """Carry out one probe; see `Prober`."""
         if self._extender is not None:  # the other fingers would slide, too
-            probe = replace(probe, slides=np.empty((0, 3)))
+            probe = replace(probe, slides=probe.slides[:0])
         missed, course = self._motion.outcome(probe, obstacles)
         if course is None or course.touched is None:
             return missed
@@ -77,7 +76,7 @@ class KinematicProber:
             touches.append((course.until_contact + slide.until_end, slide.touched))
         contacts = Contacts(
             points=np.array([link.point for _, link in touches]),
-            normals=self._normals[[link.face for _, link in touches]],
+            normals=self._motion.face_normals[[link.face for _, link in touches]],
             fingers=tuple(link.link for _, link in touches),
             times=np.array([time for time, _ in touches]),
         )

@@ -20,7 +20,7 @@ from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.lifting.scene import ArmStoppedError
 from lis_grasp.probing.course import Course, Leg, path_back, path_out
-from lis_grasp.probing.guarded_motion import GuardedMotion
+from lis_grasp.probing.guarded_motion import SLIDE_STEP, GuardedMotion
 from lis_grasp.records import read_only
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
@@ -35,8 +35,6 @@ from lis_grasp.typing import FloatArray
 # first settles under its load.
 _BEFORE = 0.0005
 _BEFORE_WITH_ARM = 0.002
-# A slide's end is pressed onto the surface from such a distance [m].
-_LIFT = 0.0025
 # A touch is detected within this distance of the first contact; later ones are grazes [m].
 _BEYOND = 0.01
 # From a free object the hand retreats this late after the detection [s]: a sensor of 100 Hz.
@@ -192,8 +190,10 @@ class DynamicProber:
         if slide is None or slide.touched is None:
             return Contacts.empty()
         X_OH = course.last.X_OH.copy()
-        X_OH[:3, 3] = slide.places[-1] + _LIFT * slide.normal
-        press = Leg(X_OH, -slide.normal, _LIFT, self._speed, length=_LIFT, remaining=_BEYOND)
+        X_OH[:3, 3] = slide.places[-1] + SLIDE_STEP * slide.normal
+        press = Leg(
+            X_OH, -slide.normal, SLIDE_STEP, self._speed, length=SLIDE_STEP, remaining=_BEYOND
+        )
         end, _ = self._touch(replace(course, legs=(press,)))
         time = course.until_contact + slide.until_end
         return replace(end, times=np.full(len(end), time)) if len(end) else end
