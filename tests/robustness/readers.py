@@ -85,8 +85,10 @@ def refused_at_most(seconds: float = 10.0) -> Iterator[None]:
     """Permit no error but one of a readable sentence, within a time of the processor and memory."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     start, size = time.process_time(), pages * resource.getpagesize()
-    # The system ends a process that hangs: a dead worker fails the test.
-    limits = {resource.RLIMIT_AS: size + _MEMORY, resource.RLIMIT_CPU: int(start + 6 * seconds) + 1}
+    # The system ends a process that hangs: a dead worker fails the test. It counts whole seconds,
+    # so one more than the start's may be over at once.
+    longest = int(start + 6 * seconds) + 10
+    limits = {resource.RLIMIT_AS: size + _MEMORY, resource.RLIMIT_CPU: longest}
     message = "none"
     before = {kind: resource.getrlimit(kind) for kind in limits}
     for kind, most in limits.items():
