@@ -6,6 +6,7 @@ import base64
 import http.client
 import io
 import json
+import os
 import re
 import socket
 import sys
@@ -378,8 +379,9 @@ def test_server_that_follows_says_when_the_scene_changes(tmp_path: Path) -> None
         assert _get(server.address + "state") == (200, b"")
         assert _get(server.address + "scene.html")[0] == 404
         states = set()
-        for text in (b"first", b"second"):
+        for time, text in ((1000, b"first"), (1001, b"second")):
             scene.write_bytes(text)
+            os.utime(scene, (time, time))  # two writes of one tick of the clock have the same
             states.add(_get(server.address + "state"))
             assert _get(server.address + "scene.html") == (200, text)
         assert len(states) == 2
