@@ -10,6 +10,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -40,10 +42,18 @@ def _started(command: list[str], stream: str) -> Iterator[str]:
         assert "Exception" not in errors
 
 
+@pytest.fixture(scope="module")
+def short_folder() -> Iterator[Path]:
+    """Yield a folder for a socket, whose path has at most 107 bytes: pytest's may have more."""
+    with TemporaryDirectory(dir="/tmp") as name:
+        yield Path(name)
+
+
 @pytest.fixture(scope="module", params=["port", "socket"])
-def touches(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Connect:
-    folder = tmp_path_factory.mktemp("touches")
-    place = folder / "touch.sock"
+def touches(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, short_folder: Path
+) -> Connect:
+    folder, place = tmp_path_factory.mktemp("touches"), short_folder / "touch.sock"
     where = ["--port", "0"] if request.param == "port" else ["--socket", str(place)]
     command = ["next", "--serve", *where, *_OPTIONS, "--output", str(folder)]
     with _started(command, "stdout") as address:
