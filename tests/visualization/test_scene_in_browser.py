@@ -13,6 +13,7 @@ import scenes
 from browser import CHROMIUM, PHONE, Browser
 
 from lis_grasp.exploration.planar_motion import PoseBelief
+from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.visualization import Scene
 from lis_grasp.visualization._story import Story
 from lis_grasp.visualization.colours import VIRIDIS, srgb
@@ -66,7 +67,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 def _write(scene: Scene, directory: Path) -> str:
     path = directory / "scene.html"
-    path.write_text(scene.html(), encoding="utf-8")
+    write_text(path, scene.html())  # at once: a page that follows reads no half of it
     return path.as_uri()
 
 
