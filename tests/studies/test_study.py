@@ -239,8 +239,9 @@ def test_a_file_counts_by_its_content(tmp_path: Path) -> None:
     path = tmp_path / "block.stl"
     trial = Trial(str(path), "allegro", 10, "none", 0)
     keys = set()
-    for size in (0.10, 0.12, 0.10):
+    for made, size in ((1000, 0.10), (1001, 0.12), (1002, 0.10)):
         shapes.build("box", size).mesh.export(path)
+        os.utime(path, (made, made))  # two files of one tick of the clock have the same
         keys.add(row_key(trial, "gpis"))
     assert len(keys) == 2
 
