@@ -63,7 +63,8 @@ _NAME, _OTHER = ".lock", "name another by `folder`"
 def sole_writer(folder: Path) -> Iterator[None]:
     """Keep other processes from writing to a folder, which is made if it does not exist.
 
-    The operating system releases the lock when the process ends, however it ends.
+    The operating system releases the lock when the process ends, however it ends. A block that adds
+    no file, as of a refused command, leaves neither the lock's file nor the folder.
 
     Raises `InvalidFileError` if another process has the lock, or the folder cannot be written to.
     """
@@ -71,7 +72,9 @@ def sole_writer(folder: Path) -> Iterator[None]:
 
     lock = FileLock(folder / _NAME, timeout=0)
     try:
+        made = [path for path in (folder, *folder.parents) if not path.exists()]
         folder.mkdir(parents=True, exist_ok=True)
+        before = set(folder.iterdir())
         lock.acquire()
     except OSError as error:
         message = f"cannot write to {folder}: {error.strerror}: {_OTHER}"
@@ -83,4 +86,9 @@ def sole_writer(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
+        with suppress(OSError):  # others hold the file open, or write to the folder now
+            if set(folder.iterdir()) - before == {folder / _NAME}:
+                (folder / _NAME).unlink()  # before its release: nobody else's
+                for path in made:
+                    path.rmdir()
         lock.release()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.io.atomic_writing import sole_writer
 
 HOLD = """
@@ -33,6 +33,18 @@ def test_a_second_process_is_refused_until_the_first_ends(tmp_path: Path) -> Non
         other.kill()
     with sole_writer(folder):
         assert folder.is_dir()
+
+
+def test_a_refused_command_leaves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("")
+    for folder in (tmp_path / "new" / "results", tmp_path):
+        with pytest.raises(InvalidOptionError), sole_writer(folder):
+            raise InvalidOptionError("refused", option="jobs")
+        assert [path.name for path in tmp_path.rglob("*")] == ["mine.txt"]
+    with pytest.raises(InvalidOptionError), sole_writer(tmp_path / "new"):
+        (tmp_path / "new" / "partial.csv").write_text("")
+        raise InvalidOptionError("refused", option="jobs")
+    assert (tmp_path / "new" / "partial.csv").exists()
 
 
 def test_one_process_writes_again_and_again(tmp_path: Path) -> None:
