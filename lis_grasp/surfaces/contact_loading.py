@@ -90,13 +90,15 @@ def _note_table(path: Path | str, points: FloatArray, normals: FloatArray | None
 
     The normals of a table, if they are known, point into the hull.
     """
-    if len(points) < _LEAST_ON_TABLE or np.linalg.matrix_rank(points - points.mean(axis=0)) < 3:
+    rows = np.flatnonzero(points.any(axis=1))  # a point at (0, 0, 0) is an empty row
+    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), 5 * _MOST)).astype(int)]
+    chosen, first = np.unique(points[rows], axis=0, return_index=True)
+    rows = rows[first]
+    if len(rows) < _LEAST_ON_TABLE or np.linalg.matrix_rank(chosen - chosen.mean(axis=0)) < 3:
         return
-    rows = np.linspace(0, len(points) - 1, min(len(points), 5 * _MOST)).astype(int)
-    chosen = points[rows]
     faces = ConvexHull(chosen).equations  # (H, 4), outward
     height = faces[:, :3] @ chosen.T + faces[:, 3:]  # (H, N), 0 or less
-    near = _ON_PLANE * float(np.ptp(points, axis=0).max())
+    near = _ON_PLANE * float(np.ptp(chosen, axis=0).max())
     best = int(np.argmax((height > -near).sum(axis=1)))
     on, others = height[best] > -near, height[best] < -2.0 * near
     if on.sum() < max(_TABLE * len(chosen), _LEAST_ON_TABLE) or not others.any():

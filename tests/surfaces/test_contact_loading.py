@@ -375,6 +375,17 @@ def test_a_table_round_the_object_is_noted_and_a_foot_of_it_is_not(
     assert all(re.search("3[3-9] % of the points are in a plane", text) for text in said)
 
 
+@pytest.mark.parametrize("place", [(0.13, -0.1, 0.63), (0.05, 0.1, -0.23), (-0.59, 0.41, -0.77)])
+def test_empty_rows_are_no_table(
+    place: tuple[float, ...], tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    ball = unit(np.random.default_rng(0).normal(size=(40, 3)))
+    rows = np.vstack([0.03 * ball + place, np.zeros((50, 3))])
+    (tmp_path / "a.csv").write_text(_text("x,y,z", rows))
+    assert len(load_contacts(tmp_path / "a.csv")) == len(rows)
+    assert not recwarn.list
+
+
 @pytest.mark.parametrize("mark", [";", " ", ","])
 def test_points_in_rows_may_be_separated_by_any_mark_and_radii_without_a_kind_are_noted(
     mark: str, tmp_path: Path
