@@ -220,11 +220,10 @@ def motion_line(facts: dict[str, Any]) -> str:
         f"moved     ended {1e3 * facts['displacement']:.1f} mm from where it was; one touch moved"
         f" it by {1e3 * facts['largest_motion']:.1f} mm"
     )
-    if facts["tracking_error"] is not None:
-        tracked = "tracked to" if facts["tracked"] else "not tracked, off by"
-        line += f"; {tracked} {1e3 * facts['tracking_error']:.2f} mm"
-    if facts["contact_error"] is not None:
-        line += f"; contacts are {1e3 * facts['contact_error']:.2f} mm off its surface"
+    for name in ("tracking_error", "contact_error"):
+        if facts[name] is not None:
+            line += f"; {name.replace('_', ' ')} {1e3 * facts[name]:.2f} mm"
+    line += "" if facts["tracked"] else "; not tracked"
     repeated, losses = facts["repeated_probes"], facts["losses"]
     if repeated:
         line += f"; {repeated} probe{'s' * (repeated > 1)} repeated to track it"

@@ -271,8 +271,8 @@ def draw_pose_track(canvas: Canvas, outcomes: Sequence[ProbeOutcome], center: Fl
     moved = 1e3 * float(np.linalg.norm(true - true[0], axis=1).max())
     off = 1e3 * float(np.linalg.norm(tracked - true, axis=1).max())
     note = (
-        f"of the object's middle under touch, by up to {moved:.1f} mm (grey); tracked to within"
-        f" {off:.1f} mm"
+        f"of the object's middle under touch, by up to {moved:.1f} mm (grey); its tracked path is"
+        f" never more than {off:.1f} mm off"
     )
     canvas.layers.append(Layer("motion", "Object's motion", True, TRACKED_COLOUR, note))
 

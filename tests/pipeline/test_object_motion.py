@@ -38,6 +38,9 @@ def test_an_unnoticed_motion_is_an_error() -> None:
     # The two faces across the motion are 2 mm off, the four others lie in themselves.
     assert 0.0002 < facts["tracking_error"] < 0.001
     assert facts["contact_error"] == pytest.approx(0.002)
+    error = 1e3 * facts["tracking_error"]
+    said = f"tracking error {error:.2f} mm; contact error 2.00 mm; not tracked"
+    assert said in motion_line(facts)
     moved = SCENARIO.after(explored(SHIFT, None)).truth.shape_now
     np.testing.assert_allclose(moved.mesh.bounds, BOX.mesh.bounds + [0.002, 0.0, 0.0])
 
@@ -48,6 +51,7 @@ def test_a_tracked_motion_is_no_error() -> None:
     assert facts["displacement"] == pytest.approx(0.002)
     assert facts["tracking_error"] == pytest.approx(0.0, abs=1e-9)
     assert facts["repeated_probes"] == 1
+    assert "tracking error 0.00 mm; contact error 0.00 mm; 1 probe" in motion_line(facts)
 
 
 def test_after_a_loss_only_contacts_have_an_error() -> None:

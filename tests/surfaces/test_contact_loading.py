@@ -375,7 +375,7 @@ def test_a_table_round_the_object_is_noted_and_a_foot_of_it_is_not(
     assert all(re.search("3[3-9] % of the points are in a plane", text) for text in said)
 
 
-@pytest.mark.parametrize("place", [(0.13, -0.1, 0.63), (0.05, 0.1, -0.23), (-0.59, 0.41, -0.77)])
+@pytest.mark.parametrize("place", [(0.13, -0.1, 0.63), (-0.15, -0.44, -0.51)])
 def test_empty_rows_are_no_table(
     place: tuple[float, ...], tmp_path: Path, recwarn: pytest.WarningsRecorder
 ) -> None:
