@@ -145,9 +145,7 @@ def configure_touch(options: argparse.Namespace) -> RunConfig:
     if options.region is not None:
         conditions["pose"] = conditions["pose"] or STABLE
     config = RunConfig.from_facts(vars(options), conditions)
-    if options.slide and not config.may_slide:
-        needed = "a fixed object (--clamped or --known), one finger and no arm"
-        raise InvalidOptionError(f"--slide needs {needed}", option="--slide")
+    config.require_slides()
     return config
 
 

@@ -66,6 +66,7 @@ def run(
     True
     """
     require_record("run", config, RunConfig)
+    config.require_slides()
     if config.obstacles is not None:
         raise InvalidOptionError(
             "a run simulates no obstacles: plan with them on its surface.ply, by lis-grasp grasp",

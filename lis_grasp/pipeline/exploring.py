@@ -109,6 +109,7 @@ def explore_object(
     >>> exploration.made
     3
     """
+    config.require_slides()
     folder = results_folder(config, folder)
     scenario = Scenario.from_config(config)
     say_object(scenario, progress)

@@ -355,6 +355,16 @@ class RunConfig(metaclass=Answering):
         """Whether a fingertip may slide: on a fixed object, alone, and without an arm."""
         return not self.free and self.arm is None and self.fingers == "one"
 
+    def require_slides(self) -> None:
+        """Raise `InvalidOptionError` if touches are to slide and may not."""
+        if self.slide and not self.may_slide:
+            raise InvalidOptionError(
+                "slide needs a fixed object (not `free`: --clamped or --known), one finger and no"
+                " arm",
+                option="slide",
+                value=self.slide,
+            )
+
     def mass_of(self, mesh: trimesh.Trimesh) -> float:
         """Return the configured mass of an object [kg], or else `default_mass` of its mesh."""
         return default_mass(mesh, self.object) if self.mass is None else self.mass

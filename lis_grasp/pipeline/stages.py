@@ -149,6 +149,7 @@ def touch(
     >>> pipeline.touch(pipeline.Scenario.from_config(config)).made
     3
     """
+    scenario.config.require_slides()
     prober = make_prober(scenario, recorded) if prober is None else prober
     return deque(touch_steps(scenario, prober, recorded), maxlen=1).pop().result
 

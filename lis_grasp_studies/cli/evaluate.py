@@ -107,6 +107,10 @@ def execute(options: argparse.Namespace) -> None:
     if options.quick and options.config is not None:
         raise InvalidOptionError("--quick excludes a configuration", option="--quick")
     require_no_workers(options)
+    if options.fill and not options.fill[0].is_file():
+        raise InvalidOptionError.out_of_range(
+            "--fill", str(options.fill[0]), "a text that exists, then a page"
+        )
     output: Path = options.output or _OUTPUT
     stored = output / "configuration.yaml"
     path = options.config or SHIPPED / ("quick.yaml" if options.quick else "published.yaml")
@@ -168,7 +172,7 @@ def _measure(
     from lis_grasp_studies.evaluation.part import Places
     from lis_grasp_studies.evaluation.results import Evaluation
 
-    hours = options.hours
+    hours, scheduler = options.hours, scheduler_of(options)
     if hours is not None and not hours > 0.0:
         raise InvalidOptionError.out_of_range("--hours", hours, "above 0")
     for name, needed in (("meshes", "."), ("beside", "lis_grasp")):
@@ -182,7 +186,7 @@ def _measure(
         say(
             f"{left_out} trials are left out: they need scans (--meshes) or hands that are not here"
         )
-    evaluation = Evaluation(configuration, places, results, scheduler_of(options), hours)
+    evaluation = Evaluation(configuration, places, results, scheduler, hours)
     with Stage("Measuring") as stage:
         try:
             for done, total, seconds in evaluation.run():

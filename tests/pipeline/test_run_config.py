@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lis_grasp import Hand, RunConfig, pipeline, shapes
+from lis_grasp import Hand, RunConfig, explore, pipeline, shapes
 from lis_grasp.exceptions import InvalidHandError, InvalidInputError, InvalidOptionError
 from lis_grasp.pipeline import regrasp
 from lis_grasp.pipeline.option import options_of
@@ -50,6 +50,22 @@ def test_a_hand_or_arm_that_no_name_stands_for_is_refused() -> None:
     with pytest.raises(InvalidInputError, match="'iiwa15' is neither: did you mean 'iiwa14'"):
         RunConfig(arm="iiwa15")
     assert RunConfig(hand=Path("elsewhere/now.yaml")).hand == "elsewhere/now.yaml"
+
+
+@pytest.mark.parametrize(
+    "moving", [{"free": True}, {"arm": "iiwa14"}, {"fingers": "all", "prober": "kinematic"}]
+)
+def test_slides_are_refused_where_none_would_be_made(
+    moving: dict[str, Any], tmp_path: Path
+) -> None:
+    config = RunConfig("box", hand="wsg50", slide=0.02, **moving)  # `next` reads such facts
+    folder = tmp_path / "results"
+    for run in (pipeline.run, pipeline.explore_object):
+        with pytest.raises(InvalidOptionError, match="^slide needs a fixed object"):
+            run(config, folder)
+    with pytest.raises(InvalidOptionError, match="^slide needs a fixed object"):
+        explore("box", "wsg50", slide=0.02, **moving)
+    assert not folder.exists()
 
 
 def test_numbers_of_numpy_are_kept_as_plain_ones() -> None:
