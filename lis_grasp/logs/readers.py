@@ -155,18 +155,20 @@ class BagLog:
                 for connection, nanoseconds, raw in reader.messages(connections):
                     message = reader.deserialize(raw, connection.msgtype)
                     yield _stamp(message) or 1e-9 * nanoseconds, message
-            except Exception:  # noqa: BLE001 - a damaged bag raises anything
+            except Exception:  # noqa: BLE001 - as in `_reader`
                 raise self._damaged() from None
 
     def _reader(self) -> Any:
         with needed_package("rosbags", "ros", option=str(self._path)):
             from rosbags.highlevel import AnyReader
             from rosbags.typesys import Stores, get_typestore
+        store = get_typestore(Stores.ROS2_HUMBLE)
         try:
-            store = get_typestore(Stores.ROS2_HUMBLE)
             reader = AnyReader([self._path], default_typestore=store)
             reader.open()
-        except Exception:  # noqa: BLE001 - a damaged bag raises anything
+        # Of 450 bags with cut or changed bytes 292 raised errors of nine classes: three of rosbags,
+        # UnicodeDecodeError, AssertionError, KeyError, OverflowError, MemoryError, apsw's.
+        except Exception:  # noqa: BLE001
             raise self._damaged() from None
         return closing(reader)
 
