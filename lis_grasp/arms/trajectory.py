@@ -71,8 +71,8 @@ def time_path(
         path = _rounded(corners, _ROUNDING)
         if is_free is None or is_free(path[0]):
             return _sampled(arm, path, limits, step)
-    legs = [_sampled(arm, _rounded(pair, 0.0), limits, step) for pair in _pairs(corners)]
-    return joined(legs)
+    pairs = (corners[k : k + 2] for k in range(len(corners) - 1))
+    return joined([_sampled(arm, _rounded(pair, 0.0), limits, step) for pair in pairs])
 
 
 def joined(legs: list[JointTrajectory]) -> JointTrajectory:
@@ -118,7 +118,8 @@ def _rounded(corners: FloatArray, rounding: float) -> _Path:
     for k, direction in enumerate(directions):
         straight = lengths[k] - before[k] - after[k]
         if straight > _TINY:
-            s = np.linspace(0.0, straight, _points(straight, lengths.sum()))
+            count = max(int(np.ceil(_POINTS * straight / lengths.sum())), 3)
+            s = np.linspace(0.0, straight, count)
             values.append(corners[k] + (before[k] + s)[:, None] * direction)
             firsts.append(np.repeat(direction[None], len(s), axis=0))
             seconds.append(np.zeros((len(s), len(direction))))
@@ -139,10 +140,6 @@ def _rounded(corners: FloatArray, rounding: float) -> _Path:
         np.concatenate(seconds),
         np.concatenate(grids),
     )
-
-
-def _points(length: float, total: float) -> int:
-    return max(int(np.ceil(_POINTS * length / total)), 3)
 
 
 def _sampled(
@@ -264,7 +261,3 @@ def _largest_x(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
     flat = ~up & ~down & (b > _TINY)
     largest = min(largest, float((c[flat] / b[flat]).min(initial=np.inf)))
     return max(largest, 0.0)
-
-
-def _pairs(corners: FloatArray) -> list[FloatArray]:
-    return [corners[k : k + 2] for k in range(len(corners) - 1)]

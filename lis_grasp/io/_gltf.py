@@ -106,7 +106,9 @@ def _gltf_elements(header: Mapping[str, Any], counts: Sequence[int]) -> int:
     ]
     sizes = _sizes_below(header, meshes, node=1)
     scenes = [number for scene in header.get("scenes", []) for number in scene.get("nodes", [])]
-    return sum(meshes) + max(sum(sizes[n] for n in scenes), sum(sizes[n] for n in _roots(header)))
+    nodes = header.get("nodes", [])
+    roots = set(range(len(nodes))).difference(*(node.get("children", []) for node in nodes))
+    return sum(meshes) + max(sum(sizes[n] for n in scenes), sum(sizes[n] for n in roots))
 
 
 def _gltf_triangles(header: Mapping[str, Any], counts: Sequence[int]) -> int:
@@ -137,8 +139,3 @@ def _sizes_below(header: Mapping[str, Any], meshes: Sequence[int], node: int = 0
         below = sum(sizes[child] for child in children[number])
         sizes[number] = node + below + (0 if own is None else meshes[own])
     return sizes
-
-
-def _roots(header: Mapping[str, Any]) -> set[int]:
-    nodes = header.get("nodes", [])
-    return set(range(len(nodes))).difference(*(node.get("children", []) for node in nodes))

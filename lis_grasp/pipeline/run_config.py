@@ -358,12 +358,8 @@ class RunConfig(metaclass=Answering):
     def require_slides(self) -> None:
         """Raise `InvalidOptionError` if touches are to slide and may not."""
         if self.slide and not self.may_slide:
-            raise InvalidOptionError(
-                "slide needs a fixed object (not `free`: --clamped or --known), one finger and no"
-                " arm",
-                option="slide",
-                value=self.slide,
-            )
+            needed = "a fixed object (not `free`: --clamped or --known), one finger and no arm"
+            raise InvalidOptionError(f"slide needs {needed}", option="slide", value=self.slide)
 
     def mass_of(self, mesh: trimesh.Trimesh) -> float:
         """Return the configured mass of an object [kg], or else `default_mass` of its mesh."""

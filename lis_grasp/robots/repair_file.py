@@ -99,7 +99,8 @@ def _write(link: ET.Element, form: str, inertial: Inertial) -> None:
         link.remove(old)
     element = ET.Element("inertial")
     link.insert(0, element)
-    center, matrix = _numbers(inertial.center_L), inertial.inertia_L
+    center = " ".join(f"{value:.8g}" for value in inertial.center_L)
+    matrix = inertial.inertia_L
     if form == "urdf":
         ET.SubElement(element, "origin", {"xyz": center, "rpy": "0 0 0"})
         ET.SubElement(element, "mass", {"value": f"{inertial.mass:.8g}"})
@@ -122,7 +123,3 @@ def _move(element: ET.Element, form: str, before: Path, after: Path) -> None:
         element.set("filename", moved)
     else:
         element.text = moved
-
-
-def _numbers(values: FloatArray) -> str:
-    return " ".join(f"{value:.8g}" for value in values)

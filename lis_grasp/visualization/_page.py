@@ -119,6 +119,7 @@ def build_overlay(
     """
     grasps = [layer for layer in layers if _is_grasp(layer)]
     others = [layer for layer in layers if not _is_grasp(layer)]
+    spacing = f"{grid * 1e3:.3g} mm" if grid < 0.01 else f"{grid * 1e2:.3g} cm"
     explained = "; then ".join(_EXPLAINED[chapter.name] for chapter in story.chapters)
     if postures:
         explained = "the hand takes one posture after the other"
@@ -130,7 +131,7 @@ def build_overlay(
         f'<p class="explained">In this order: {explained}.</p>' if explained else "",
         f'<ul class="layers">{"".join(_row(layer, scale) for layer in others)}</ul>',
         _listed_grasps(grasps, planned=planned, postures=postures),
-        f'<p class="fine">Grid {_millimetres(grid)}. Drag to turn, wheel or pinch to zoom,'
+        f'<p class="fine">Grid {spacing}. Drag to turn, wheel or pinch to zoom,'
         " right button or two fingers to move.</p>",
         "</div>",
         "</details>",
@@ -219,7 +220,3 @@ def _player(story: Story) -> str:
         f' value="{story.rest:.6f}" aria-label="Time">'
         f'<div class="chapters">{chapters}</div></div></div>'
     )
-
-
-def _millimetres(length: float) -> str:
-    return f"{length * 1e3:.3g} mm" if length < 0.01 else f"{length * 1e2:.3g} cm"

@@ -211,7 +211,8 @@ def hand_page(hand: Hand, *, summary: tuple[str, ...] = ()) -> str:
     postures += [(f"probe posture {f}", p.joint_positions) for f, p in hand.probe_postures.items()]
     draw_hand(canvas, hand)
     _draw_marks(canvas, hand)
-    for axis, colour, mesh in zip("xyz", AXIS_COLOURS, _frame(X_OH), strict=True):
+    for k, (axis, colour) in enumerate(zip("xyz", AXIS_COLOURS, strict=True)):
+        mesh = _bar(X_OH[:3, 3], X_OH[:3, 3] + _AXIS_LENGTH * X_OH[:3, k])
         path = f"{OBJECT_NODE}/frame/{axis}"
         canvas.commands.append(drawing.draw_mesh(path, mesh, drawing.material(colour)))
     poses = []
@@ -263,10 +264,6 @@ def _pad_marks(center: FloatArray, radius: float, axis: FloatArray) -> Iterator[
     yield ball.apply_translation(center)
     start = center + radius * axis
     yield _bar(start, start + 0.02 * axis)
-
-
-def _frame(X: FloatArray) -> list[trimesh.Trimesh]:
-    return [_bar(X[:3, 3], X[:3, 3] + _AXIS_LENGTH * X[:3, k]) for k in range(3)]
 
 
 def _bar(start: FloatArray, end: FloatArray) -> trimesh.Trimesh:
