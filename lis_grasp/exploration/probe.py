@@ -198,7 +198,8 @@ class ProbeOutcome(Record):
         return replace(
             self,
             contacts=self.contacts.in_frame(X_EF),
-            free_points=_moved(self.free_points, X_FE),
+            # trimesh keeps the bits of points that a pose moves by rounding only.
+            free_points=np.ascontiguousarray(trimesh.transform_points(self.free_points, X_FE)),
             hand_pose=hand_pose and replace(hand_pose, X_OH=X_FE @ hand_pose.X_OH),
             simulated_pose=None if pose is None else X_FE @ pose,
         )
@@ -315,12 +316,6 @@ def touches_made(contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> int:
 def present_map(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:
     """Return the outcomes of the present map, in its frame: all but those of the one before."""
     return list(maps_of(outcomes)[1].values()) if any(o.lost for o in outcomes) else outcomes
-
-
-def _moved(points: FloatArray, X: FloatArray) -> FloatArray:
-    """Return points (N, 3) at a pose, in the memory layout of those read from a file."""
-    # trimesh keeps the bits of points that a pose moves by rounding only.
-    return np.ascontiguousarray(trimesh.transform_points(points, X))
 
 
 def _vector(name: str, values: npt.ArrayLike) -> FloatArray:

@@ -79,7 +79,9 @@ def label_file(
         runner = partial(_in_processes, process_count(jobs))
     folder = path.parent if folder is None else folder
     header = {"labels": 1, "version": __version__, "grasps_digest": provenance.digest_of(path)}
-    header |= {**scenario.config.facts(), **scenario.facts(), **_digest(scenario)}
+    file = Path(scenario.config.object)
+    digest = {"object_digest": provenance.digest_of(file)} if file.is_file() else {}
+    header |= {**scenario.config.facts(), **scenario.facts(), **digest}
     log = folder / LABELS
     with sole_writer(folder):
         recorded, rows = read_lines(log, advice=MADE_AGAIN)
@@ -101,12 +103,6 @@ def label_file(
         table = folder / "grasps.parquet"
         save_grasp_table(table, grasps, in_order, header=provenance.merge(work.recorded, **header))
     return LabelledFile(table, work.search, in_order)
-
-
-def _digest(scenario: Scenario) -> dict[str, str]:
-    """Return a hash of the object's file, if it is one."""
-    file = Path(scenario.config.object)
-    return {"object_digest": provenance.digest_of(file)} if file.is_file() else {}
 
 
 def _label(scenario: Scenario, estimate: trimesh.Trimesh | None, job: Job) -> dict[str, Any]:

@@ -152,7 +152,7 @@ class _Builder:
                 elif isinstance(shape.mesh, GivenMesh):
                     yield LinkVisual(link, X_LG, shape.mesh.mesh)
                 else:
-                    file = resolve_uri(shape.mesh.filename, self._path.parent, self._path.name)
+                    file = resolve_uri(shape.mesh.filename, self._path.parent, str(self._path))
                     scale = None if shape.mesh.scale is None else np.atleast_1d(shape.mesh.scale)
                     yield LinkVisual(link, X_LG, file, scale)
             except LisGraspError:  # a hand can do without its looks
@@ -169,7 +169,7 @@ class _Builder:
                 if isinstance(geometry.mesh, GivenMesh):
                     mesh = geometry.mesh.mesh
                 else:
-                    file = resolve_uri(geometry.mesh.filename, self._path.parent, self._path.name)
+                    file = resolve_uri(geometry.mesh.filename, self._path.parent, str(self._path))
                     mesh = load_mesh(file, geometry.mesh.scale)
                 yield from self._convex(link, pose_matrix(collision.origin), mesh)
 

@@ -148,7 +148,8 @@ def _lock(joint: yourdfpy.Joint, position: float) -> None:
         motion = make_pose(np.eye(3), position * unit(axis))
     elif position:
         raise InvalidHandError(
-            f"joint '{joint.name}' is of type '{joint.type}' and can be locked at 0 only"
+            f"locked_joints must lock '{joint.name}', of type '{joint.type}', at 0",
+            key=f"locked_joints.{joint.name}",
         )
     joint.origin, joint.type, joint.mimic = origin @ motion, "fixed", None
 

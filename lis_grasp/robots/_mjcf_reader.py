@@ -45,8 +45,9 @@ def parse_mjcf(path: Path) -> yourdfpy.Robot:
     except ValueError as error:
         reason = " ".join(str(error).split()).removeprefix("Error: ")
         if missing := re.search(r"opening file '([^']+)'", reason):
-            resolve_uri(missing[1], path.parent, path.name)  # names a file in other letters
-        raise InvalidFileError(f"MuJoCo cannot read {path}: {reason}", path=path) from None
+            resolve_uri(missing[1], path.parent, str(path))  # names a file in other letters
+        named = f"{path}, or a file that it includes" if b"<include" in path.read_bytes() else path
+        raise InvalidFileError(f"MuJoCo cannot read {named}: {reason}", path=path) from None
     with naming(path):
         return _Reader(model, path).robot()
 

@@ -31,14 +31,14 @@ def parse_sdf(root: ET.Element, path: Path) -> yourdfpy.Robot:
     for model in root.iter("model"):
         for kind in ("link", "joint"):
             require_unique_names(model.findall(kind), path)
-    return _Model(root, path.name).robot()
+    return _Model(root, path).robot()
 
 
 class _Model:
     """One model's elements by name, and the poses of all its frames."""
 
-    def __init__(self, root: ET.Element, file: str) -> None:
-        self._file = file
+    def __init__(self, root: ET.Element, path: Path) -> None:
+        self._path = path
         models = root.findall("model") or root.findall("world/model")
         if len(models) != 1:
             self._fail(f"the file must hold one model; it holds {len(models)}")
@@ -230,4 +230,4 @@ class _Model:
         return numbers
 
     def _fail(self, reason: str) -> NoReturn:
-        raise InvalidHandError(f"{self._file}: {reason}", file=self._file)
+        raise InvalidHandError(f"{self._path}: {reason}", file=self._path.name)

@@ -34,13 +34,13 @@ _MOST_MEMORY = 4096 * MEBIBYTE  # that they may need
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Put a file's name before the message of an `InvalidHandError` that names none."""
+    """Put a file's path before the message of an `InvalidHandError` that names no file or key."""
     try:
         yield
     except InvalidHandError as error:
-        if error.file:
+        if error.file or error.key:  # a key is of the YAML, which edits the description
             raise
-        raise InvalidHandError(f"{path.name}: {error}", file=path.name, key=error.key) from None
+        raise InvalidHandError(f"{path}: {error}", file=path.name) from None
 
 
 def parse_urdf(root: ET.Element, path: Path) -> yourdfpy.Robot:
@@ -49,7 +49,7 @@ def parse_urdf(root: ET.Element, path: Path) -> yourdfpy.Robot:
     for kind in ("link", "joint"):
         require_unique_names(root.findall(kind), path)
         for element in root.findall(kind):
-            _require_complete(element, path.name)
+            _require_complete(element, path)
     text = io.BytesIO(ET.tostring(root))
     try:
         with np.errstate(all="ignore"):  # poses are checked one by one
@@ -59,12 +59,12 @@ def parse_urdf(root: ET.Element, path: Path) -> yourdfpy.Robot:
         reason = reason_of(error, "URDF")
         if "number is needed" in reason:
             reason += ": write numbers with a decimal point, and blanks between"
-        message = f"{path.name} is not a URDF that can be read: {reason}"
+        message = f"{path} is not a URDF that can be read: {reason}"
         raise InvalidHandError(message, file=path.name) from None
     return urdf.robot
 
 
-def _require_complete(owner: ET.Element, file: str) -> None:
+def _require_complete(owner: ET.Element, path: Path) -> None:
     """Raise `InvalidHandError` if a link or a joint lacks what yourdfpy takes for granted."""
     ends = ("parent", "child") if owner.tag == "joint" else ()
     missing = [f"<{end}>" for end in ends if owner.find(end) is None]
@@ -73,7 +73,7 @@ def _require_complete(owner: ET.Element, file: str) -> None:
     missing += [f"three numbers in {n}='{t}'" for n, t in triples if t and len(t.split()) != 3]
     if missing:
         named = f"the {owner.tag} '{owner.get('name', '')}'"
-        raise InvalidHandError(f"{file}: {named} lacks {', '.join(missing)}", file=file)
+        raise InvalidHandError(f"{path}: {named} lacks {', '.join(missing)}", file=path.name)
 
 
 def require_unique_names(elements: Iterable[ET.Element], path: Path) -> None:
@@ -82,7 +82,7 @@ def require_unique_names(elements: Iterable[ET.Element], path: Path) -> None:
     for (kind, name), count in counts.items():
         if count > 1:
             raise InvalidHandError(
-                f"{path.name}: {count} {kind}s are named '{name}': give each its own name",
+                f"{path}: {count} {kind}s are named '{name}': give each its own name",
                 file=path.name,
             )
 
@@ -101,8 +101,8 @@ def _expand_macros(path: Path) -> ET.Element:
         import_module("xacro")
     except ImportError:
         raise InvalidHandError(
-            f"{path.name} has xacro macros, read if xacro is installed (pip install xacro); or"
-            f" convert it first, as by `xacro {path.name} > hand.urdf`",
+            f"{path} has xacro macros, read if xacro is installed (pip install xacro); or"
+            f" convert it first, as by `xacro {path} > hand.urdf`",
             file=path.name,
         ) from None
     command = [sys.executable, "-c", _EXPAND, str(path.resolve())]
@@ -114,7 +114,7 @@ def _expand_macros(path: Path) -> ET.Element:
         if not done.returncode:
             return ET.fromstring(done.stdout)
         reason = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-    message = f"{path.name} has macros that xacro cannot expand: {reason}"
+    message = f"{path} has macros that xacro cannot expand: {reason}"
     raise InvalidHandError(message, file=path.name)
 
 

@@ -12,6 +12,7 @@ from lis_grasp.exceptions import InvalidInputError
 from lis_grasp.logs.readers import FrameTree, RobotLog, TimedForces, TimedPoses, Topic
 from lis_grasp.robots._build_model import pose_matrix, unit_axis
 from lis_grasp.robots._description import DescriptionEdits, apply_edits, parse_description
+from lis_grasp.robots._urdf import naming
 from lis_grasp.typing import FloatArray
 
 
@@ -35,36 +36,37 @@ def with_link_frames(log: RobotLog, description: Path) -> RobotLog:
     InvalidFileError, InvalidHandError
         If the description cannot be read.
     """
-    robot = apply_edits(parse_description(description), DescriptionEdits())
-    leaders = {
-        joint.name: joint.name if joint.mimic is None else joint.mimic.joint
-        for joint in robot.joints
-        if joint.type != "fixed"
-    }
-    logged = log.joints(tuple(dict.fromkeys(leaders.values())))
-    if not logged:
-        named = ", ".join(leaders) or "none"
-        raise InvalidInputError(
-            f"the log must have joint states of {description.name}, whose movable joints are"
-            f" {named}; it has none of them"
-        )
-    frames = {}
-    for joint in robot.joints:
-        X_PJ, ends = pose_matrix(joint.origin), (joint.parent, joint.child)
-        if joint.type == "fixed":
-            frames[ends] = _timed(np.zeros(1), X_PJ[None], *ends)
-        elif leaders[joint.name] in logged:
-            times, positions = logged[leaders[joint.name]]
-            if joint.mimic is not None:
-                ratio = 1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier
-                positions = ratio * positions + (joint.mimic.offset or 0.0)
-            along = positions[:, None] * unit_axis(joint)  # (T, 3)
-            X_JC = np.tile(np.eye(4), (len(times), 1, 1))
-            if joint.type == "prismatic":
-                X_JC[:, :3, 3] = along
-            else:
-                X_JC[:, :3, :3] = Rotation.from_rotvec(along).as_matrix()
-            frames[ends] = _timed(times, X_PJ @ X_JC, *ends)
+    with naming(description):
+        robot = apply_edits(parse_description(description), DescriptionEdits())
+        leaders = {
+            joint.name: joint.name if joint.mimic is None else joint.mimic.joint
+            for joint in robot.joints
+            if joint.type != "fixed"
+        }
+        logged = log.joints(tuple(dict.fromkeys(leaders.values())))
+        if not logged:
+            named = ", ".join(leaders) or "none"
+            raise InvalidInputError(
+                f"the log must have joint states of {description}, whose movable joints are"
+                f" {named}; it has none of them"
+            )
+        frames = {}
+        for joint in robot.joints:
+            X_PJ, ends = pose_matrix(joint.origin), (joint.parent, joint.child)
+            if joint.type == "fixed":
+                frames[ends] = _timed(np.zeros(1), X_PJ[None], *ends)
+            elif leaders[joint.name] in logged:
+                times, positions = logged[leaders[joint.name]]
+                if joint.mimic is not None:
+                    ratio = 1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier
+                    positions = ratio * positions + (joint.mimic.offset or 0.0)
+                along = positions[:, None] * unit_axis(joint)  # (T, 3)
+                X_JC = np.tile(np.eye(4), (len(times), 1, 1))
+                if joint.type == "prismatic":
+                    X_JC[:, :3, 3] = along
+                else:
+                    X_JC[:, :3, :3] = Rotation.from_rotvec(along).as_matrix()
+                frames[ends] = _timed(times, X_PJ @ X_JC, *ends)
     base = min({parent for parent, _ in frames} - {child for _, child in frames})
     return _LogWithLinks(log, FrameTree({**log.frames().transforms, **frames}), base)
 

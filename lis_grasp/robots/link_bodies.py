@@ -91,7 +91,7 @@ def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
         factors.shape not in ((1,), (3,)) or not (np.isfinite(factors) & (factors != 0.0)).all()
     ):
         raise InvalidHandError(
-            f"the scale of {file.name} must be 1 or 3 finite numbers other than 0; it is"
+            f"the scale of {file} must be 1 or 3 finite numbers other than 0; it is"
             f" {shown(factors.tolist())}"
         )
     read = read_mesh(file, _FORMATS, merge=True, materials=True)
@@ -107,7 +107,7 @@ def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
         with np.errstate(all="ignore"):
             loaded.apply_scale(factors if len(factors) == 3 else float(factors[0]))
     if not (np.abs(loaded.vertices) <= LARGEST).all():
-        raise InvalidHandError(f"the mesh {file.name} must be within {LARGEST:g} m of its origin")
+        raise InvalidHandError(f"the mesh {file} must be within {LARGEST:g} m of its origin")
     return loaded
 
 

@@ -44,7 +44,7 @@ def write_repaired(path: Path, edits: DescriptionEdits, output: Path) -> list[st
     form = {"sdf": "sdf", "robot": "urdf"}.get(root.tag)
     if form is None:
         raise InvalidHandError(
-            f"{path.name} must be a URDF or SDF to be rewritten; `repair: true` in the YAML does"
+            f"{path} must be a URDF or SDF to be rewritten; `repair: true` in the YAML does"
             " the same for an MJCF",
             file=path.name,
         )

@@ -61,8 +61,11 @@ def read_hand_file(path_or_name: str | Path) -> dict[str, Any]:
     file = _read_file(path, "hand", HandEntry, InvalidHandError)
     try:
         model = read_description(file.description, DescriptionEdits.of(file.entry))
-    except InvalidFileError as error:
-        raise InvalidHandError(f"{file.name}: {error}", file=file.name, key="urdf") from None
+    except (InvalidHandError, InvalidFileError) as error:
+        if isinstance(error, InvalidHandError) and error.file:
+            raise
+        key = error.key if isinstance(error, InvalidHandError) else "urdf"
+        raise InvalidHandError(f"{file.name}: {error}", file=file.name, key=key) from None
     low = file.entry.low_objects
     return _hand_fields(_Checks(file, model)) | {"low_objects": low and path.with_name(low)}
 
@@ -76,7 +79,7 @@ def read_arm_file(path_or_name: str | Path) -> dict[str, Any]:
         model = build_model(robot, file.description, DescriptionEdits.of(file.entry))
         numbers = read_joint_numbers(file.description)
     except (InvalidRobotError, InvalidFileError) as error:
-        key = error.key if isinstance(error, InvalidArmError) else "urdf"
+        key = error.key if isinstance(error, InvalidRobotError) and error.key else "urdf"
         raise InvalidArmError(f"{file.name}: {error}", file=file.name, key=key) from None
     return _arm_fields(_Checks(file, model), [numbers[name] for name in model.joint_names])
 
@@ -118,7 +121,7 @@ class _Checks:
     def __init__(self, file: _File, model: RobotModel) -> None:
         self.file, self.entry, self.model = file, file.entry, model
         if not model.link_geometries:
-            self.fail("urdf", "must give links collision bodies; it gives none")
+            self.fail("urdf", f"{file.description} must give links collision bodies; none is there")
 
     def joints(self, described: str) -> None:
         names, given = self.model.joint_names, self.entry.joints

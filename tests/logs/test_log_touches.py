@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,12 @@ from touch_recording import HALF, RADIUS, STIFFNESS, Recording, record, write_ba
 
 from lis_grasp import Contacts
 from lis_grasp.cli.main import main
-from lis_grasp.exceptions import InvalidFileError, InvalidInputError, LisGraspWarning
+from lis_grasp.exceptions import (
+    InvalidFileError,
+    InvalidHandError,
+    InvalidInputError,
+    LisGraspWarning,
+)
 from lis_grasp.logs.contacts import Finger, LogFrames, contacts_from_log
 from lis_grasp.logs.detection import (
     TouchDetection,
@@ -456,6 +462,9 @@ def test_joint_states_and_a_urdf_give_the_pose_of_the_tip(
     assert np.arctan2(turned[1, 0], turned[0, 0]) == pytest.approx(-2.0 * joints["yaw"][0])
     with pytest.raises(InvalidInputError, match="movable joints are along_x, .*; it has none"):
         with_link_frames(open_log(write_csv(recording, tmp_path / "none.csv")), urdf)
+    urdf.write_text(re.sub('<axis xyz="[^"]*"', '<axis xyz="0 0 0"', urdf.read_text()))
+    with pytest.raises(InvalidHandError, match=f"^{re.escape(str(urdf))}: joint"):
+        with_link_frames(log, urdf)
 
 
 def test_links_beyond_a_joint_that_is_not_logged_have_no_pose(

@@ -338,8 +338,29 @@ def test_a_mistake_in_the_urdf_is_named(tmp_path: Path, mistake: str) -> None:
     urdf = tmp_path / "wsg50.urdf"
     right, wrong, message = URDF_MISTAKES[mistake]
     urdf.write_text(urdf.read_text().replace(right, wrong))
-    with pytest.raises(InvalidHandError, match=message):
+    with pytest.raises(InvalidHandError, match=message) as error:
         Hand.load(path)
+    assert f"{urdf}" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("locked_joints", {"nowhere": 0.0}),
+        ("effort_limits", {"nowhere": 1.0}),
+        ("base_link", "nowhere"),
+        ("convex_parts", ["nowhere"]),
+    ],
+)
+def test_a_mistaken_edit_of_the_urdf_is_said_of_the_yaml(
+    key: str, value: Any, tmp_path: Path
+) -> None:
+    document, path = shipped(tmp_path)
+    path.write_text(yaml.safe_dump(document | {key: value}))
+    with pytest.raises(InvalidHandError, match=rf"^mine\.yaml: {key} ") as error:
+        Hand.load(path)
+    assert error.value.file == "mine.yaml"
+    assert error.value.key.startswith(key)
 
 
 def test_a_mesh_of_the_urdf_is_found_beside_it_and_scaled(tmp_path: Path) -> None:

@@ -188,6 +188,16 @@ def test_what_a_tree_of_joints_cannot_have_is_named(
         read(path)
 
 
+def test_a_fault_of_an_included_file_is_not_said_of_the_other_alone(
+    tmp_path: Path, mujoco: Any
+) -> None:
+    (tmp_path / "part.xml").write_text("<mujoco><worldbody><bodi/></worldbody></mujoco>")
+    path = tmp_path / "hand.xml"
+    path.write_text('<mujoco><include file="part.xml"/></mujoco>')
+    with pytest.raises(LisGraspError, match=r"hand\.xml, or a file that it includes: .*'bodi'"):
+        parse_description(path)
+
+
 def test_without_mujoco_the_message_names_the_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
