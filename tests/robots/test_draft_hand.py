@@ -1,6 +1,7 @@
 """Drafts of the shipped hands from their URDF alone, compared with what was written by hand."""
 
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -131,3 +132,7 @@ def test_a_vendors_hand_says_how_to_get_its_model(
         Hand.load(name)
     assert document["model_from"] in str(raised.value)
     assert document["urdf"] in str(raised.value)
+    command = shlex.split(document["model_from"])
+    assert command[:2] in (["pip", "install"], ["git", "clone"])
+    package = document["urdf"].split("/")[2]
+    assert command[0] == "pip" or f"~/models/{package}" in command
