@@ -44,6 +44,7 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
         "doctor": (
             ("", "this machine"),
             ("--hand my_hand.yaml", "a hand's file"),
+            ("--hand leap", "a vendor's hand, or how to get its model"),
         ),
     }
 )

@@ -106,7 +106,8 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
     """Return the parser of the command line, with the arguments of one verb, or of every verb."""
     parser = _Parser(
         prog="lis-grasp",
-        description="Learn an unknown object's shape by touch alone, and grasp it.",
+        description="Learn an unknown object's shape by touch, and grasp it.",
+        epilog="start with: lis-grasp run box --output results/demo (about ten seconds)",
     )
     parser.add_argument("--version", action="version", version=f"lis-grasp {__version__}")
     verbs = parser.add_subparsers(metavar="VERB", required=True)
