@@ -35,14 +35,14 @@ if [ ! -x .venv/bin/python ]; then
   say "making the environment .venv with Python $version"
   "$python" -m venv .venv || fail "venv failed: on Debian and Ubuntu, install python3-venv"
 fi
-say "installing lis_grasp${extras:+ with $extras}: 0.9 GB the first time, with extras more, a few minutes"
+say "installing lis_grasp${extras:+ with $extras}: 0.2 GB to download, 0.9 GB on disk, with extras more; a few minutes"
 quiet=--quiet
 [ ! -t 2 ] || quiet="" # a terminal shows the progress of pip
 .venv/bin/python -m pip install $quiet --disable-pip-version-check --editable ".${extras:+[$extras]}"
 
 say "done: $(.venv/bin/lis-grasp --version) in .venv; next:"
 say "  .venv/bin/lis-grasp doctor                      # checks this machine"
-say "  .venv/bin/lis-grasp run box --output results/demo"
+say "  .venv/bin/lis-grasp run box --output results/demo  # about ten seconds"
 case ",$extras," in *,dev,*) say "  .venv/bin/python -m pytest                      # the tests" ;; esac
 case ",$extras," in *,study,*) say "  .venv/bin/lis-grasp compare --quick             # a small study" ;; esac
 case ",$extras," in *,docs,*) say "  .venv/bin/sphinx-build -W docs docs/_build/html # the documentation" ;; esac

@@ -4,12 +4,13 @@ import argparse
 import json
 import re
 import shlex
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from lis_grasp import Contacts, GraspSearch
+from lis_grasp import GraspSearch
 from lis_grasp.cli.main import build_parser, main
 
 ROOT = Path(__file__).parents[1]
@@ -113,14 +114,17 @@ def test_every_guide_is_run() -> None:
 
 
 @pytest.mark.slow
-def test_readme_example_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_readme_examples_run_on_the_contacts_of_the_repository(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    axes = np.vstack([np.eye(3), -np.eye(3)])
-    folder = tmp_path / "results" / "demo"
-    folder.mkdir(parents=True)
-    Contacts(points=0.03 * axes, normals=axes).save(folder / "contacts.ply")
+    (tmp_path / "examples").mkdir()
+    shutil.copy(ROOT / "examples" / "contacts.csv", "examples")
+    for line in _readme_commands():
+        words = shlex.split(line, comments=True)[1:]
+        if words[0] in ("estimate", "grasp", "next"):
+            assert main(words) == 0, line
+    assert (tmp_path / "results" / "own" / "next.json").exists()
     blocks = _BLOCK.findall(README.read_text(encoding="utf-8"))
     (example,) = [text for language, _, text in blocks if language == "python"]
     space: dict[str, object] = {}
@@ -129,15 +133,19 @@ def test_readme_example_runs(
     assert len(space["search"].grasps) > 0
 
 
-def test_readme_commands_parse() -> None:
-    lines = [
+def _readme_commands() -> list[str]:
+    return [
         line
         for language, _, text in _BLOCK.findall(README.read_text(encoding="utf-8"))
         if language == "sh"
         for line in text.splitlines()
         if line.startswith("lis-grasp")
     ]
-    assert len(lines) == 7
+
+
+def test_readme_commands_parse() -> None:
+    lines = _readme_commands()
+    assert len(lines) == 8
     for line in lines:
         build_parser().parse_args(shlex.split(line, comments=True)[1:])
 

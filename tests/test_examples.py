@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from lis_grasp import Contacts, Hand, shapes
+from lis_grasp import Contacts, Hand, load_contacts, shapes
 from lis_grasp.motion import Motion
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
@@ -92,6 +92,16 @@ def test_an_example_writes_its_results(name: str, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert len(done.stdout.splitlines()) >= 2
     CHECKS[name](tmp_path / "out")
+
+
+def test_the_example_contacts_are_touches_of_the_mallet() -> None:
+    contacts = load_contacts(EXAMPLES / "contacts.csv")
+    assert len(contacts) == 40
+    mallet = shapes.build("mallet")
+    feet = contacts.points + [0, 0, mallet.mesh.bounds[0, 2]]  # it stands on z = 0
+    assert (
+        distances_to_mesh(feet, mallet.mesh)[0].max() < 4 * 0.0005
+    )  # [m] four standard deviations
 
 
 def test_every_example_is_short_checked_and_listed() -> None:
