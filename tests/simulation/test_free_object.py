@@ -12,7 +12,7 @@ from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.probing.guarded_motion import AT_TABLE
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import build
-from lis_grasp.simulation.drake import dynamic_prober
+from lis_grasp.simulation.drake import _probing_scene, dynamic_prober
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
 from lis_grasp.simulation.drake.object_plant import FreeObject
 
@@ -57,6 +57,17 @@ def test_a_sliding_object_stays_where_a_touch_leaves_it() -> None:
     assert above.status == "touched"
     np.testing.assert_allclose(above.contacts.points[0, 2], 0.03, atol=1e-3)
     assert above.contacts.points[0, 0] > 0.03
+
+
+def test_the_hand_waits_for_the_object_to_rest_where_its_motion_began(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # Behind the start nothing was swept: a hand that goes on meets a handle, or an opposite wall.
+    monkeypatch.setattr(_probing_scene, "_STILL", 0.0)
+    outcome, prober = touched(cube(), mass=0.5, friction=0.5)
+    assert outcome.hand_pose is not None
+    back = outcome.hand_pose.X_OH[:3, 3] - prober._scene.X_WH[:3, 3]
+    np.testing.assert_allclose(back, FROM_THE_SIDE.standoff * FROM_THE_SIDE.direction, atol=5e-4)
 
 
 def test_a_contact_is_measured_by_the_hand_wherever_the_object_is() -> None:

@@ -95,8 +95,12 @@ class ProbeRail:
         self.command(travelled, speed)
 
     def command(self, travelled: float, speed: float) -> None:
-        """Command a position [m] along the motion and a speed [m/s]."""
-        self._port.FixValue(self._context, [travelled, speed])
+        """Command a position [m] along the motion and a speed [m/s].
+
+        It stops where the line began: what is behind is not known to be free.
+        """
+        behind = travelled < 0.0
+        self._port.FixValue(self._context, [0.0, 0.0] if behind else [travelled, speed])
 
     def check(self) -> None:
         """Do nothing: a rail has no limits to exceed."""
