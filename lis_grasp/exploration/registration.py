@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import trimesh
@@ -69,92 +71,128 @@ def find_displacement(
     known = surface.contacts
     if min(len(contacts), len(known)) < _ENOUGH or not known.extent:
         return None
-    samples = surface.derived("samples", None, partial(_sampled, surface))
-    poses = _starts(contacts, samples)  # (H, 3), of contacts in the map
-    if not len(poses):
+    samples = _Samples.of(surface)
+    starts = _starts(contacts, samples)
+    if not len(starts):
         return None
+    X = _refined(starts, contacts, samples)
+    matches = _matched(X, contacts, samples)
+    costs = _costs(X, matches, contacts, known)
+    best = int(np.argmin(costs))
+    on = matches.errors[best] < _CLEARLY  # the estimate may be wrong at a few
+    if on.mean() < _MOST or matches.errors[best][on].mean() > 1.0:
+        return None
+    rows = displacement_rows(matches.points[best], matches.normals[best])
+    rows = rows / matches.deviations[best, :, None]
+    covariance = np.asarray(np.linalg.inv(rows.T @ rows + np.eye(3)), dtype=np.float64)
+    of_known = displacement_rows(known.points, known.normals)
+    if np.einsum("ni,ij,nj->n", of_known, covariance, of_known).max() > _CERTAIN**2:
+        return None
+    rivals = X[costs < costs[best] + _CLEARLY]
+    moved = _matched(rivals @ inverse_pose(X[best]), known, samples)
+    alike = np.mean(moved.off**2, axis=1) < _ALIKE**2
+    alike &= np.median(moved.deviations, axis=1) < _ALIKE
+    return (inverse_pose(X[best]), covariance) if alike.all() else None
+
+
+def are_on(contacts: Contacts, surface: Estimate) -> BoolArray:
+    """Return which contacts (N,) are on an estimate."""
+    matches = _matched(np.eye(4)[None], contacts, _Samples.of(surface))
+    return np.maximum(matches.errors[0], matches.turned[0]) < _CLEARLY
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Samples:
+    """Samples of an estimate."""
+
+    points: FloatArray  #: (S, 3) [m]
+    normals: FloatArray  #: (S, 3)
+    deviations: FloatArray  #: (S,), of contacts there [m]
+    spacing: float  #: [m]
+    tree: cKDTree  #: of points and scaled normals
+
+    @classmethod
+    def of(cls, surface: Estimate) -> _Samples:
+        """Return the samples of an estimate, made once."""
+        return surface.derived("samples", None, partial(cls._made, surface))
+
+    @classmethod
+    def _made(cls, surface: Estimate) -> _Samples:
+        bounds = surface.contacts.bounds
+        extent = float(np.ptp(bounds, axis=0).max())
+        bounds = bounds + 0.25 * extent * np.array([[-1.0], [1.0]])
+        points, normals = sample_zero_level_set(surface, bounds, extent / _SAMPLES)
+        deviations = np.hypot(surface.uncertainty(points), CONTACT_ERROR)
+        tree = cKDTree(np.hstack([points, _RADIAN * normals]))
+        return cls(points, normals, deviations, extent / _SAMPLES, tree)
+
+
+def _starts(contacts: Contacts, samples: _Samples) -> FloatArray:
+    """Return displacements (H, 3) that lay a contact on a sample like it."""
+    points, normals = samples.points, samples.normals
+    sides = np.flatnonzero(np.abs(contacts.normals[:, 2]) < _SIDE)
+    sides = sides[:: 1 + len(sides) // _LAID]
+    alike = np.abs(points[:, 2] - contacts.points[sides, None, 2]) < samples.spacing
+    alike &= np.abs(normals[:, 2] - contacts.normals[sides, None, 2]) < _NORMAL_ERROR
+    i, j = np.nonzero(alike)
+    i, j = sides[i][:: 1 + len(i) // _STARTS], j[:: 1 + len(j) // _STARTS]
+    azimuths = (np.arctan2(n[:, 1], n[:, 0]) for n in (normals[j], contacts.normals[i]))
+    poses = np.insert(np.zeros((len(i), 2)), 2, np.subtract(*azimuths), axis=1)
+    laid = apply_pose(planar_pose(poses), contacts.points[i, None])[:, 0]
+    poses[:, :2] = (points[j] - laid)[:, :2]
+    return poses
+
+
+def _refined(poses: FloatArray, contacts: Contacts, samples: _Samples) -> FloatArray:
+    """Return the most probable displacements from starts (H, 3), as poses (H, 4, 4)."""
     for _ in range(_ITERATIONS):
-        points, normals, off, deviations, *_ = _matched(planar_pose(poses), contacts, samples)
-        weights = 1.0 / (deviations**2 + off**2 / _OUTLIER)  # Geman and McClure 1987
-        rows = displacement_rows(points, normals)
+        matches = _matched(planar_pose(poses), contacts, samples)
+        off = matches.off
+        weights = 1.0 / (matches.deviations**2 + off**2 / _OUTLIER)  # Geman and McClure 1987
+        rows = displacement_rows(matches.points, matches.normals)
         information = np.einsum("hni,hn,hnj->hij", rows, weights, rows)
         gradient = np.einsum("hni,hn->hi", rows, weights * off)
         information += np.diag(_CLOSING_MOTION**-2.0)
         steps = planar_pose(-np.linalg.solve(information, gradient[..., None])[..., 0])
         X = steps @ planar_pose(poses)
         poses = np.column_stack([X[:, :2, 3], np.arctan2(X[:, 1, 0], X[:, 0, 0])])
-    X = planar_pose(poses)
-    points, normals, _, deviations, errors, turned = _matched(X, contacts, samples)
-    costs = np.sum(np.minimum(errors + turned, _OUTLIER) + 2.0 * np.log(deviations), axis=1)
-    likely = np.flatnonzero(costs < costs.min() + _OUTLIER)
-    for h in likely:
+    return planar_pose(poses)
+
+
+class _Matches(NamedTuple):
+    """N contacts at H poses, and the samples that they are nearest to."""
+
+    points: FloatArray  #: (H, N, 3), of the contacts [m]
+    normals: FloatArray  #: (H, N, 3), of the samples
+    off: FloatArray  #: (H, N), distances along these [m]
+    deviations: FloatArray  #: (H, N) [m]
+    errors: FloatArray  #: (H, N), squared, of positions
+    turned: FloatArray  #: (H, N), squared errors of normals
+
+
+def _matched(X: FloatArray, contacts: Contacts, samples: _Samples) -> _Matches:
+    """Match contacts at poses (H, 4, 4) with samples."""
+    points, normals = apply_pose(X, contacts.points), rotate(X, contacts.normals)
+    _, nearest = samples.tree.query(np.concatenate([points, _RADIAN * normals], axis=-1))
+    there = samples.normals[nearest]
+    offsets, cosines = points - samples.points[nearest], np.sum(normals * there, axis=-1)
+    off = np.sum(offsets * there, axis=-1)
+    aside = np.linalg.norm(offsets - off[..., None] * there, axis=-1)
+    squares = off**2 + np.maximum(aside - samples.spacing, 0.0) ** 2
+    turned = (np.arccos(np.clip(cosines, -1.0, 1.0)) / _NORMAL_ERROR) ** 2
+    near = samples.deviations[nearest]
+    return _Matches(points, there, off, near, squares / near**2, turned)
+
+
+def _costs(X: FloatArray, matches: _Matches, contacts: Contacts, known: Contacts) -> FloatArray:
+    """Return the costs (H,) of poses X (H, 4, 4), of far less probable ones infinity."""
+    errors = np.minimum(matches.errors + matches.turned, _OUTLIER)
+    costs: FloatArray = np.sum(errors + 2.0 * np.log(matches.deviations), axis=1)
+    costs[costs >= costs.min() + _OUTLIER] = np.inf
+    for h in np.flatnonzero(np.isfinite(costs)):
         costs[h] += _depth(apply_pose(X[h], contacts.points), known)
         costs[h] += _depth(apply_pose(inverse_pose(X[h]), known.points), contacts)
-    best = likely[np.argmin(costs[likely])]
-    on = errors[best] < _CLEARLY  # the estimate may be wrong at a few
-    rows = displacement_rows(points[best], normals[best]) / deviations[best, :, None]
-    covariance = np.asarray(np.linalg.inv(rows.T @ rows + np.eye(3)), dtype=np.float64)
-    known_rows = displacement_rows(known.points, known.normals)
-    worst = float(np.einsum("ni,ij,nj->n", known_rows, covariance, known_rows).max())
-    if on.mean() < _MOST or errors[best][on].mean() > 1.0 or worst > _CERTAIN**2:
-        return None
-    rivals = X[likely[costs[likely] < costs[best] + _CLEARLY]]
-    _, _, off, deviations, *_ = _matched(rivals @ inverse_pose(X[best]), known, samples)
-    alike = (np.mean(off**2, axis=1) < _ALIKE**2) & (np.median(deviations, axis=1) < _ALIKE)
-    return (inverse_pose(X[best]), covariance) if alike.all() else None
-
-
-def are_on(contacts: Contacts, surface: Estimate) -> BoolArray:
-    """Return which contacts (N,) are on an estimate."""
-    samples = surface.derived("samples", None, partial(_sampled, surface))
-    *_, errors, turned = _matched(np.eye(4)[None], contacts, samples)
-    return np.maximum(errors[0], turned[0]) < _CLEARLY
-
-
-_Samples = tuple[FloatArray, FloatArray, FloatArray, float, cKDTree]
-
-
-def _sampled(surface: Estimate) -> _Samples:
-    """Return points, normals, deviations of contacts, spacing, and a tree of an estimate."""
-    bounds = surface.contacts.bounds
-    extent = float(np.ptp(bounds, axis=0).max())
-    bounds = bounds + 0.25 * extent * np.array([[-1.0], [1.0]])
-    points, normals = sample_zero_level_set(surface, bounds, extent / _SAMPLES)
-    deviations = np.hypot(surface.uncertainty(points), CONTACT_ERROR)
-    tree = cKDTree(np.hstack([points, _RADIAN * normals]))
-    return points, normals, deviations, extent / _SAMPLES, tree
-
-
-def _starts(contacts: Contacts, samples: _Samples) -> FloatArray:
-    """Return displacements (H, 3) that lay a contact on a sample like it."""
-    points, normals, _, spacing, _ = samples
-    sides = np.flatnonzero(np.abs(contacts.normals[:, 2]) < _SIDE)
-    sides = sides[:: 1 + len(sides) // _LAID]
-    alike = np.abs(points[:, 2] - contacts.points[sides, None, 2]) < spacing
-    alike &= np.abs(normals[:, 2] - contacts.normals[sides, None, 2]) < _NORMAL_ERROR
-    i, j = np.nonzero(alike)
-    i, j = sides[i][:: 1 + len(i) // _STARTS], j[:: 1 + len(j) // _STARTS]
-    azimuths = (np.arctan2(n[:, 1], n[:, 0]) for n in (normals[j], contacts.normals[i]))
-    poses = np.insert(np.zeros((len(i), 2)), 2, np.subtract(*azimuths), axis=1)
-    poses[:, :2] = (points[j] - apply_pose(planar_pose(poses), contacts.points[i, None])[:, 0])[
-        :, :2
-    ]
-    return poses
-
-
-def _matched(X: FloatArray, contacts: Contacts, samples: _Samples) -> tuple[FloatArray, ...]:
-    """Return of contacts at poses (H, 4, 4) their points, and of the samples they are nearest to
-    normals, distances along these, deviations, and squared errors of position and normal."""
-    places, directions, deviations, spacing, tree = samples
-    points, normals = apply_pose(X, contacts.points), rotate(X, contacts.normals)
-    _, nearest = tree.query(np.concatenate([points, _RADIAN * normals], axis=-1))
-    offsets, cosines = points - places[nearest], np.sum(normals * directions[nearest], axis=-1)
-    off = np.sum(offsets * directions[nearest], axis=-1)
-    aside = np.linalg.norm(offsets - off[..., None] * directions[nearest], axis=-1)
-    squares = off**2 + np.maximum(aside - spacing, 0.0) ** 2
-    turned = (np.arccos(np.clip(cosines, -1.0, 1.0)) / _NORMAL_ERROR) ** 2
-    near = deviations[nearest]
-    return points, directions[nearest], off, near, squares / near**2, turned
+    return costs
 
 
 def _depth(points: FloatArray, others: Contacts) -> float:
