@@ -121,7 +121,7 @@ def _arm_line(report: Mapping[str, Any]) -> str:
     violated = violations(uses)
     steps = sum(use.get("steps", 0) for use in uses)
     if violated:
-        line += f"; VIOLATED in {steps} steps: {'; '.join(violated)}"
+        line += f"; VIOLATED (of {steps} steps): {'; '.join(violated)}"
     else:
         line += f"; unwanted contacts: none in {steps} steps"
     shakes = [] if lift is None else lift["shakes"]
