@@ -81,8 +81,8 @@ def test_numbers_of_the_readme_are_those_of_the_rows(tmp_path: Path) -> None:
 
 def test_a_field_that_no_row_fills_is_named(tmp_path: Path) -> None:
     template = tmp_path / "page"
-    fields = ["{grasps[nobody]:.0f}", "{simulators[agree]}", "{tables[lies.lies]:nothing}"]
+    fields = ["{grasps[nobody]:.0f}", "{lies_errors[objects]}", "{tables[lies.lies]:nothing}"]
     for field in (*fields, "{state.nothing}", "{grasps:>9}", "{nothing", "{}"):
         template.write_text(field)
-        with pytest.raises(InvalidFileError, match=r"nobody|simulators|nothing|[Ff]ormat|\}"):
+        with pytest.raises(InvalidFileError, match=r"nobody|lies_errors|nothing|[Ff]ormat|\}"):
             _filled(template)
