@@ -23,8 +23,9 @@ TEMPLATE = STUDY / "results.md.in"
 # What README says, in the fields of the template.
 _README = (
     "Held: {grasps[blend]:.0f} % on `blend`, {grasps[gpis]:.0f} % on a Gaussian process (`gpis`),"
-    " {grasps[truth]:.0f} % on the true mesh, of {grasps[trials]} simulated trials each; with up"
-    " to three attempts {grasps[blend x3]:.0f} % on `blend` and {grasps[gpis x3]:.0f} % on `gpis`",
+    " {grasps[lis]:.0f} % on `lis`, {grasps[truth]:.0f} % on the true mesh, of {grasps[trials]}"
+    " simulated trials each; with up to three attempts {grasps[blend x3]:.0f} % on `blend` and"
+    " {grasps[gpis x3]:.0f} % on `gpis`",
     "`blend` is {paper[blend]:.1f} mm from them, `lis` {paper[lis]:.1f} mm and `gpis`"
     " {paper[gpis]:.1f} mm",
     "on tools {grasps[blend tools]:.0f} % of single grasps held, on twelve harder objects"
