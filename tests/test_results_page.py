@@ -2,6 +2,7 @@
 
 import re
 from functools import cache
+from operator import itemgetter
 from pathlib import Path
 
 import pytest
@@ -63,6 +64,22 @@ def test_the_results_page_is_the_template_filled_from_the_rows() -> None:
     page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
     assert page == _filled(TEMPLATE)
     assert page.count("\n| --- |") > 12
+
+
+def test_the_page_counts_the_trials_repeated_after_a_mended_fault() -> None:
+    key = itemgetter("object", "hand", "touches", "attempts")
+    published = _published()[1]
+    before = {
+        key(r): r for r in (*published["grasps"], *published["hard"]) if r["estimator"] == "blend"
+    }
+    after = [r for r in read_parquet(STUDY / "rows-retreat.parquet") if r["attempts"] == 1]
+    pairs = [(before[key(row)], row) for row in after]
+    changed = [a["contacts_digest"] != b["contacts_digest"] for a, b in pairs]
+    assert all(a["held"] == b["held"] for (a, b), c in zip(pairs, changed, strict=True) if not c)
+    old, new = (sum(pair[i]["held"] for pair in pairs) for i in (0, 1))
+    text = _words(TEMPLATE.read_text(encoding="utf-8"))
+    assert f"Of {len(pairs)} single grasps" in text
+    assert f"{sum(changed)} have other contacts; {new} instead of {old} hold." in text
 
 
 def test_numbers_that_no_row_has_are_few_and_known() -> None:
