@@ -144,9 +144,7 @@ def configure_touch(options: argparse.Namespace) -> RunConfig:
         conditions |= IDEAL_SENSOR
     if options.region is not None:
         conditions["pose"] = conditions["pose"] or STABLE
-    config = RunConfig.from_facts(vars(options), conditions)
-    config.require_slides()
-    return config
+    return RunConfig.from_facts(vars(options), conditions)
 
 
 def add_object(parser: argparse.ArgumentParser, *, required_name: bool = True) -> None:
