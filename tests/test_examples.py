@@ -99,9 +99,8 @@ def test_the_example_contacts_are_touches_of_the_mallet() -> None:
     assert len(contacts) == 40
     mallet = shapes.build("mallet")
     feet = contacts.points + [0, 0, mallet.mesh.bounds[0, 2]]  # it stands on z = 0
-    assert (
-        distances_to_mesh(feet, mallet.mesh)[0].max() < 4 * 0.0005
-    )  # [m] four standard deviations
+    four_deviations = 4 * 0.0005  # [m]
+    assert distances_to_mesh(feet, mallet.mesh)[0].max() < four_deviations
 
 
 def test_every_example_is_short_checked_and_listed() -> None:

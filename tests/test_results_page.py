@@ -66,7 +66,7 @@ def test_the_results_page_is_the_template_filled_from_the_rows() -> None:
     assert page.count("\n| --- |") > 12
 
 
-def test_the_page_counts_the_trials_repeated_after_a_mended_fault() -> None:
+def test_the_page_counts_the_trials_repeated_after_a_repaired_fault() -> None:
     key = itemgetter("object", "hand", "touches", "attempts")
     published = _published()[1]
     before = {
