@@ -19,7 +19,7 @@ _SEVERAL = Path("results/objects")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
-    opt.add_exploration(parser, "free_space", "grasps", "attempts", "simulator")
+    opt.add_exploration(parser, "free_space", "grasps", "attempts", "closings", "simulator")
     several = "further objects: each gets a folder of its name in --output"
     parser.add_argument("more", metavar="OBJECT", nargs="*", default=[], help=several)
     parser.set_defaults(execute=execute)

@@ -7,7 +7,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-import trimesh
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
@@ -17,8 +16,8 @@ from lis_grasp.exploration.workspace import Estimate, sample_zero_level_set
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.typing import BoolArray, FloatArray
 
-# Standard deviations of a displacement by a hand that closed on an object or hit it: x, y [m], yaw.
-_CLOSING_MOTION = np.array([0.01, 0.01, 0.2])
+# A step of the search is damped as if displacements were known beforehand to x, y [m] and yaw.
+_DAMPING = np.array([0.01, 0.01, 0.2])
 CONTACT_ERROR = 0.002
 """Standard deviation of a contact's distance from the estimated surface [m]."""
 _ITERATIONS = 10
@@ -32,29 +31,6 @@ _SAMPLES, _LAID, _STARTS = 24, 4, 400
 # Squared error of an outlier, difference of squared errors that distinguishes two poses, and least
 # fraction of contacts that are so close to the estimate.
 _OUTLIER, _CLEARLY, _MOST = 16.0, 9.0, 0.8
-
-
-def register_motion(contacts: Contacts, mesh: trimesh.Trimesh) -> FloatArray:
-    """Return the planar displacement (3,) of an object on which a hand closed, or that it hit.
-
-    Gauss-Newton iterations of the most probable displacement d from the estimate. Before the
-    contacts it is normal, of 10 mm and 0.2 rad. The distances ``n . d(p)`` of the contacts from the
-    estimated surface are known to 2 mm (point-to-plane registration: Chen and Medioni 1992).
-
-    Contacts are in the frame of the estimate, whose mesh before the motion is closed.
-    """
-    displacement = np.zeros(3)
-    prior = np.diag(_CLOSING_MOTION**-2.0)
-    for _ in range(_ITERATIONS if len(contacts) else 0):
-        X = planar_pose(displacement)
-        points = apply_pose(inverse_pose(X), contacts.points)
-        nearest, _, triangles = trimesh.proximity.closest_point(mesh, points)
-        normals = mesh.face_normals[triangles]
-        distances = np.einsum("ni,ni->n", points - nearest, normals) / CONTACT_ERROR
-        rows = displacement_rows(rotate(X, nearest), rotate(X, normals)) / CONTACT_ERROR
-        gradient = rows.T @ distances - prior @ displacement
-        displacement += np.linalg.solve(prior + rows.T @ rows, gradient)
-    return displacement
 
 
 def find_displacement(
@@ -152,7 +128,7 @@ def _refined(poses: FloatArray, contacts: Contacts, samples: _Samples) -> FloatA
         rows = displacement_rows(matches.points, matches.normals)
         information = np.einsum("hni,hn,hnj->hij", rows, weights, rows)
         gradient = np.einsum("hni,hn->hi", rows, weights * off)
-        information += np.diag(_CLOSING_MOTION**-2.0)
+        information += np.diag(_DAMPING**-2.0)
         steps = planar_pose(-np.linalg.solve(information, gradient[..., None])[..., 0])
         X = steps @ planar_pose(poses)
         poses = np.column_stack([X[:, :2, 3], np.arctan2(X[:, 1, 0], X[:, 0, 0])])

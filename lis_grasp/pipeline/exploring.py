@@ -219,7 +219,7 @@ def _header(scenario: Scenario) -> str:
     """Return the facts of an exploration as the header of its files."""
     config = scenario.config
     loads = () if config.free or config.until_success is not None else ("mass", "friction")
-    later = ("grasps", "attempts", "simulator", "obstacles", *loads)
+    later = ("grasps", "attempts", "closings", "simulator", "obstacles", *loads)
     facts = {name: value for name, value in config.facts().items() if name not in later}
     poses = {name: value for name, value in scenario.facts().items() if name != "X_EO"}
     return provenance.describe(**facts, **poses)

@@ -33,7 +33,7 @@ UNKNOWN_LOAD = LoadPrior(USUAL_FRICTION, USUAL_MASS, friction_spread=0.25, mass_
 
 # Options that say how the robot decides, without a change.
 _DECISIONS = (
-    *("policy", "cloud", "touches", "grasps", "attempts", "seed"),
+    *("policy", "cloud", "touches", "grasps", "attempts", "closings", "seed"),
     *("until_success", "until_coverage", "until_uncertainty", "max_seconds"),
 )
 
@@ -103,7 +103,8 @@ class Known(Perception):
     max_seconds: float | None
     grasps: int  #: to plan
     obstacles: trimesh.Trimesh | None = None  #: what hand and arm must not hit [m]
-    attempts: int  #: grasps to try at most
+    attempts: int  #: grasps to lift at most
+    closings: int  #: grasps to test by closing gently before each lift, at most
     seed: int  #: of every random draw
 
     @classmethod

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,18 +17,16 @@ from lis_grasp.exploration import (
     Workspace,
     explore_steps,
 )
-from lis_grasp.exploration.planar_motion import (
-    PoseBelief,
-    planar_pose,
-)
+from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.pose_tracking import doubted
 from lis_grasp.exploration.probe_motions import surface_probe
-from lis_grasp.exploration.registration import CONTACT_ERROR, register_motion
+from lis_grasp.exploration.registration import CONTACT_ERROR
 from lis_grasp.geometry import unit
 from lis_grasp.grasping.epsilon import robust_epsilon_on
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome
+from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.lifting_stage import lift
 from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.stages import (
@@ -38,7 +36,6 @@ from lis_grasp.pipeline.stages import (
     make_prober,
     plan,
 )
-from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
 
 # Distance [m] in which grasps fail alike: the usual extent of an error of an estimate.
@@ -52,6 +49,12 @@ _PROBES_PER_TOUCH = 4
 # Known contacts that may be touched again to find the object.
 _TOUCHED_AGAIN = 48
 
+# Closure of measured contacts above which the first grasp tested is lifted: of rounded fingertips,
+# and of the flat pads of a parallel-jaw gripper.
+_FIRM_CLOSURE, _FIRM_CLOSURE_OF_JAWS = 0.03, 0.012
+
+# Outcomes of grasps that hardly move the object, which is not searched for after them.
+_GENTLE = ("aborted", "set_down")
 # Outcomes, before the hand closed, after which the next grasp of the same plan is executed.
 _NEXT_GRASP = ("no_arm_motion", "out_of_arm_reach", "torque_limit", "arm_collision")
 
@@ -113,16 +116,19 @@ def grasp_with_tactile_check(
 ) -> Iterator[Attempt]:
     """Grasp and lift; after a failure, learn from it and try again.
 
-    After the fingers close and before they squeeze, the measured contacts must be in force closure
-    at half the friction; points at opposite ends of parallel faces count as opposite each other
-    under flat pads. If they are not, or if the hand hits the object during the approach, the
-    attempt is aborted. After this and every other failed grasp (`LOST_GRASPS`), the hand lets go
-    and retreats, and the object comes to rest somewhere.
+    Grasps of a plan are tested before one is lifted, the likeliest first: the fingers close and
+    push gently. If the measured contacts are in firm force closure at half the friction, the hand
+    squeezes and lifts; points at opposite ends of parallel faces count as opposite each other under
+    flat pads. If they are not, or if the hand hits the object during the approach, the grasp is
+    aborted: the hand lets go, and tests the next, where the object is believed to be. After
+    `Known.closings` tests the grasp of the best closure is lifted, if it is in force closure at
+    all. After an attempt without a lift and after every failed one (`LOST_GRASPS`), the hand lets
+    go and retreats, and the object comes to rest somewhere.
 
     There it is found again by touch, and touched some more times (`touch_more`), as it is at the
     beginning if an end of it is unseen, and if no grasp is found. Contacts and space that the hand
     felt are added. A weighed mass replaces the prior. The next grasp is the likeliest to succeed if
-    grasps like the failed ones fail too. The last of `Known.attempts` has no tactile check.
+    grasps like the failed ones fail too. The last of `Known.attempts` lifts in any case.
 
     Where the arm has no way to a grasp, or has to stop on it, the next grasp of the plan is
     executed instead, as part of the same attempt.
@@ -135,12 +141,14 @@ def grasp_with_tactile_check(
     failed: list[FloatArray] = []
     if _with_ends(scenario, contacts).known.load.toward:
         scenario, contacts, _ = stages.touch_more(scenario, contacts, moved=False)
-    for left in reversed(range(known.attempts)):
+    lifts, tests = known.attempts, known.closings
+    while lifts:
         scenario = _with_ends(scenario, contacts)
         mesh = stages.estimate(scenario, contacts)
         search = stages.plan(scenario, mesh)
-        check = _tactile_check(mesh, known.hand, known.load.friction) if left else None
-        attempt = Attempt(scenario, contacts, mesh, search, 0, None)
+        attempt, check = Attempt(scenario, contacts, mesh, search, 0, None), None
+        if tests or lifts > 1:
+            check = _tactile_check(mesh, known, tests / max(known.closings, 1))
         for rank in _likeliest_first(search, failed):
             outcome = stages.lift(scenario, search.grasps[rank], mesh, check)
             attempt = Attempt(scenario, contacts, mesh, search, rank, outcome)
@@ -150,17 +158,23 @@ def grasp_with_tactile_check(
                 scenario = scenario.moved(np.eye(4), outcome.X_WO)
             yield attempt
         last = attempt.outcome
-        if not left or not (last is None or last.reason in LOST_GRASPS):
+        is_test = bool(tests) and last is not None and last.reason in _GENTLE
+        lifts, tests = lifts - (not is_test), tests - 1 if is_test else known.closings
+        if not lifts or not (last is None or last.reason in LOST_GRASPS):
             if last is None or last.reason not in _NEXT_GRASP or last.closed:
                 yield attempt
             return
         if last is not None:
             failed += [search.grasps[attempt.rank].contact_points] * last.closed
             scenario, contacts = _learned(attempt, last)
-        felt = len(contacts) - len(attempt.contacts)
-        scenario, contacts, lesson = stages.touch_more(scenario, contacts, moved=last is not None)
-        failed = [] if lesson.lost else failed
-        yield replace(attempt, lesson=replace(lesson, felt=felt))
+        lesson = Lesson(len(contacts) - len(attempt.contacts), 0, 0, 0.0, lost=False)
+        if not is_test:
+            felt = lesson.felt
+            scenario, contacts, lesson = stages.touch_more(
+                scenario, contacts, moved=last is not None
+            )
+            failed, lesson = [] if lesson.lost else failed, replace(lesson, felt=felt)
+        yield replace(attempt, lesson=lesson)
         if not len(contacts):
             return
 
@@ -176,16 +190,15 @@ def _with_ends(scenario: Scenario, contacts: Contacts) -> Scenario:
 def _learned(attempt: Attempt, outcome: LiftOutcome) -> tuple[Scenario, Contacts]:
     """Return scenario and contacts after an attempt, where the fingers closed."""
     felt = outcome.measured_contacts
-    X_EF = planar_pose(register_motion(felt, attempt.mesh))
     felt = replace(felt, free_radii=np.maximum(felt.free_radii - CONTACT_ERROR, 0.0))
-    scenario = attempt.scenario.moved(X_EF, outcome.X_WO)
+    scenario = attempt.scenario.moved(np.eye(4), outcome.X_WO)
     load = scenario.known.load_prior(attempt.mesh)
     known = replace(scenario.known, grasps=max(scenario.known.grasps, _MORE_GRASPS))
     # An object that was not lifted may be heavier: the table helped.
     if outcome.weighed is not None and (outcome.lifted or outcome.weighed > load.mass):
         load = replace(load, mass=outcome.weighed, mass_spread=0.0)
         known = replace(known, load=load, mass_by_volume=False)
-    return replace(scenario, known=known), attempt.contacts.append(felt.in_frame(X_EF))
+    return replace(scenario, known=known), attempt.contacts.append(felt)
 
 
 def touch_more(
@@ -235,16 +248,19 @@ def touch_more(
     return scenario, found, Lesson(0, touched, probes, distance, lost)
 
 
-def _tactile_check(
-    mesh: trimesh.Trimesh, hand: Hand, friction: float
-) -> Callable[[Contacts], bool]:
+def _tactile_check(mesh: trimesh.Trimesh, known: Known, firmness: float) -> AcceptGrasp:
+    """Return a check of measured contacts: a closure of more than a fraction of a firm one."""
+    hand, friction = known.hand, known.load.friction
+    is_jaw = hand.kind == "parallel_jaw"
+    least = firmness * (_FIRM_CLOSURE_OF_JAWS if is_jaw else _FIRM_CLOSURE)
+
     def accept_grasp(measured: Contacts) -> bool:
         if len(measured) < 2:
             return False
         points, normals = measured.points, measured.normals
-        if hand.kind == "parallel_jaw":
+        if is_jaw:
             points = _pushed_along_one_line(points, normals)
-        return robust_epsilon_on(mesh, hand, points, normals, friction=friction) > 0.0
+        return robust_epsilon_on(mesh, hand, points, normals, friction=friction) > least
 
     return accept_grasp
 

@@ -285,10 +285,18 @@ class RunConfig(metaclass=Answering):
     )
     attempts: int = option(
         3,
-        "grasps to try at most; another is planned after each that fails",
+        "grasps to lift at most; another is planned after each that fails",
         GRASPING,
         metavar="N",
         check=at_least(1),
+    )
+    closings: int = option(
+        5,
+        "grasps to test at most before each lift: the hand closes gently, and lifts if the measured"
+        " contacts are in firm force closure; 0 lifts the first",
+        GRASPING,
+        metavar="N",
+        check=at_least(0),
     )
     simulator: str = option(
         "drake",

@@ -230,6 +230,8 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
 def lesson_sentence(lesson: Mapping[str, Any]) -> str:
     """Return what a failed attempt taught, the fields of a `Lesson`."""
     felt, touched, probes = lesson["felt"], lesson["touched"], lesson["probes"]
+    if not lesson["lost"] and not probes:
+        return f"{felt} contacts felt; the next grasp"
     where = f"found {1e3 * lesson['moved']:.0f} mm away"
     if lesson["lost"]:
         where = f"not where it was: explored anew, {touched} contacts" if touched else "not found"

@@ -69,7 +69,7 @@ class CommandsPart(SeedsPart):
         ]
         outcomes: list[Column] = [
             ("held (95 %)", _held),
-            ("attempts", mean_cell("attempts", digits=2)),
+            ("executed", mean_cell("attempts", digits=2)),
             ("rmsd [mm]", median_cell("rmsd", 1e3, 2)),
             ("motion [s]", median_cell("motion", digits=0)),
             ("other reasons", _reasons),

@@ -51,9 +51,10 @@ class GraspTrial:
     """One exploration, and the grasps that are planned after some of its touches."""
 
     trial: Trial
-    """Without the numbers of touches and attempts, which are not used."""
+    """Without the numbers of touches, attempts and closings, which are not used."""
     budgets: str
-    """Numbers of touches, from small to large, joined by spaces: "20x3" permits three attempts."""
+    """Numbers of touches, from small to large, joined by spaces: after "20", the best grasp is
+    lifted as planned; "20x3" permits three attempts, whose grasps are tested first, as in a run."""
 
     def facts(self) -> Row:
         """Return the columns that identify the trial."""
@@ -67,7 +68,9 @@ def measure_grasps(task: GraspTrial, estimator: str) -> list[Row]:
     rows: list[Row] = []
     for budget in task.budgets.split():
         touches, _, attempts = budget.partition("x")
-        setup = replace(task.trial.setup, attempts=int(attempts or 1))
+        setup = task.trial.setup
+        if attempts:
+            setup = replace(setup, attempts=int(attempts), closings=RunConfig().closings)
         rows += rows_of(Job(replace(task.trial, touches=int(touches), setup=setup), (estimator,)))
     return rows
 
@@ -119,7 +122,7 @@ class GraspsPart(LiftsPart):
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return the rates by family, lost objects, ways to grasp, attempts, calibration, times."""
-        once = where(rows, attempts=1)
+        once = where(rows, closings=0)
         return [
             families_table(once, self.objects),
             lost_table(once),
@@ -133,7 +136,7 @@ class GraspsPart(LiftsPart):
 
     def pictures(self, rows: Sequence[Row]) -> list[Picture]:
         """Return the chart of rates by touches, and by family."""
-        once, family = where(rows, attempts=1), group_of(self.objects)
+        once, family = where(rows, closings=0), group_of(self.objects)
         by_touches = sorted(once, key=itemgetter("touches"))
         by_family = sorted(once, key=lambda row: list(self.objects).index(family[row["object"]]))
         return [
@@ -143,7 +146,7 @@ class GraspsPart(LiftsPart):
 
     def answers(self, rows: Sequence[Row]) -> dict[str, str]:
         """Return the rates of single grasps, and of several attempts."""
-        once, more = where(rows, attempts=1), [row for row in rows if row["attempts"] > 1]
+        once, more = where(rows, closings=0), [row for row in rows if row["closings"]]
         found = {}
         for question, part in (
             ("How often is an unknown object held, by one grasp?", once),
@@ -165,7 +168,7 @@ class GraspsPart(LiftsPart):
         "predicted" is the mean probability of success of the grasps of `blend` that were tried,
         and "observed" the rate at which they held.
         """
-        family, once = group_of(self.objects), where(rows, attempts=1)
+        family, once = group_of(self.objects), where(rows, closings=0)
         tried = [r for r in where(once, estimator=SUBJECT) if r["success_probability"] is not None]
         named = [r | {"family": family[r["object"]]} for r in once]
         several = [r | {"attempts": f"x{r['attempts']}"} for r in rows]

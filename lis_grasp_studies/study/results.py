@@ -31,7 +31,8 @@ from lis_grasp_studies.study.trial import (
 )
 
 _TYPES: dict[type, str] = {
-    int: "touches seed grasps attempts executed contacts triangles grasps_found candidates",
+    int: "touches seed grasps attempts closings executed contacts triangles grasps_found"
+    " candidates",
     bool: "edged watertight lifted held",
     str: "key object object_digest hand noise estimator prober explorer policy units"
     f" conditions version {MACHINE} contacts_digest family rejections reason failure",

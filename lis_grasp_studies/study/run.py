@@ -137,7 +137,7 @@ def _fill(
         mesh = truth.mesh if estimator == TRUTH else estimate(trial, estimator, contacts)
     row |= {"triangles": len(mesh.faces), "watertight": bool(mesh.is_watertight)}
     row |= asdict(surface_error(mesh, truth, contacts, explored_radius=STEP_FRACTION * shape.size))
-    if trial.setup.attempts > 1:
+    if trial.setup.attempts > 1 or trial.setup.closings:
         row |= _grasp_by_touch(trial, estimator, touched, shape, hand)
         return
     # The contacts have been used: grasps depend on the mesh, the object, the hand and the seed.
@@ -247,7 +247,7 @@ def touch(trial: Trial, explorer: str) -> Touched:
     on the past only, so that the contacts of a smaller budget are the first ones of a larger.
     """
     files = file_digests(trial.object, trial.hand)
-    start = replace(trial, touches=1, setup=replace(trial.setup, attempts=1))
+    start = replace(trial, touches=1, setup=replace(trial.setup, attempts=1, closings=0))
     known = _explored(start, explorer, files)
     if trial.touches in known.touched:
         return known.touched[trial.touches]

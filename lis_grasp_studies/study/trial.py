@@ -107,8 +107,10 @@ class Setup:
     grasps: StrictInt = 5
     """Ranked grasps to plan; the first is executed."""
     attempts: StrictInt = 1
-    """Grasps to execute at the most: more than one of them are checked by touch before the squeeze,
-    and planned again on all contacts (`grasp_with_tactile_check`)."""
+    """Grasps to lift at most: after each that fails, another is planned on all contacts
+    (`grasp_with_tactile_check`)."""
+    closings: StrictInt = 0
+    """Grasps to test at most before each lift, by closing gently; 0: the first is lifted."""
     conditions: StrictStr = _one_of(tuple(CONDITIONS), DEFAULT_CONDITIONS)
     """"known": place, size, mass and friction are known, and the object is fixed while it is
     touched. "unknown": it is free in a region of a table, in a stable pose; the sensor has a
@@ -131,7 +133,7 @@ class Setup:
 
     def run_config(self, **more: Any) -> RunConfig:
         """Return the configuration of a run with these settings and `more` of `RunConfig`."""
-        names = ("prober", "policy", "mass", "friction", "grasps", "attempts")
+        names = ("prober", "policy", "mass", "friction", "grasps", "attempts", "closings")
         facts = {name: getattr(self, name) for name in names}
         return RunConfig(**{**CONDITIONS[self.conditions], **facts, **more})
 
@@ -222,7 +224,7 @@ def row_key(trial: Trial, estimator: str) -> str:
     """
     digests = [*file_digests(trial.object, trial.hand), *_plugin_digests(trial, estimator)]
     setup = asdict(trial.setup)
-    for name, usual in (("conditions", DEFAULT_CONDITIONS), ("attempts", 1)):
+    for name, usual in (("conditions", DEFAULT_CONDITIONS), ("attempts", 1), ("closings", 0)):
         if setup[name] == usual:  # keys of before there were others stay
             del setup[name]
     text = json.dumps([columns_of(trial), setup, estimator, *digests], sort_keys=True)

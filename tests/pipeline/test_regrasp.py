@@ -91,11 +91,11 @@ class _Script(Stages):
 
 
 def _scripted(
-    outcomes: list[LiftOutcome], grasps: tuple[Grasp, ...], attempts: int
+    outcomes: list[LiftOutcome], grasps: tuple[Grasp, ...], attempts: int, closings: int = 0
 ) -> tuple[list[Attempt], list[dict[str, Any]]]:
     """Run the loop with planned grasps and the outcomes of lifts; return the calls of the lift."""
     script = _Script(outcomes, grasps)
-    scenario = scenes.scenario(BOX, scenes.hand(), attempts=attempts)
+    scenario = scenes.scenario(BOX, scenes.hand(), attempts=attempts, closings=closings)
     made = list(grasp_with_tactile_check(scenario, scenes.contacts(), script))
     return made, script.calls
 
@@ -174,7 +174,7 @@ def test_an_arm_that_stops_with_the_object_in_its_hand_ends_the_attempts() -> No
 
 def test_without_a_grasp_an_object_that_has_not_moved_is_touched_some_more() -> None:
     script = _Script([], ())
-    scenario = scenes.scenario(BOX, scenes.hand(), attempts=3)
+    scenario = scenes.scenario(BOX, scenes.hand(), attempts=3, closings=0)
     made = list(grasp_with_tactile_check(scenario, scenes.contacts(), script))
     assert [attempt.outcome for attempt in made] == [None] * 3
     assert [len(attempt.contacts) for attempt in made] == [6, 7, 8]
@@ -201,6 +201,56 @@ def test_the_next_grasp_is_away_from_what_failed() -> None:
     assert [attempt.rank for attempt in made] == [0, 0]
 
 
+def _closing(angle: float, count: int) -> Contacts:
+    """Return contacts around the box, with normals that turn up by an angle [rad]."""
+    azimuths = np.pi + np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    around = np.column_stack([np.cos(azimuths), np.sin(azimuths), np.zeros(count)])
+    return Contacts(0.03 * around, np.cos(angle) * around + [0.0, 0.0, np.sin(angle)])
+
+
+def test_grasps_are_tested_and_planned_anew_on_what_was_measured() -> None:
+    outcomes = [
+        _outcome("aborted"),
+        _outcome("aborted", ("left",), closed=False),  # the open hand hit the object
+        _outcome("held"),
+    ]
+    made, calls = _scripted(outcomes, (scenes.grasp(),), 1, closings=5)
+    assert [attempt.outcome for attempt in made] == outcomes
+    assert [len(attempt.contacts) for attempt in made] == [6, 6, 7]
+    taught = [Lesson(felt, touched=0, probes=0, moved=0.0, lost=False) for felt in (0, 1)]
+    assert [attempt.lesson for attempt in made] == [*taught, None]
+    assert all(call["accept_grasp"] is not None for call in calls)
+
+
+@pytest.mark.parametrize(("attempts", "closings"), [(1, 0), (1, 3), (2, 2), (3, 0)])
+def test_each_attempt_has_its_tests_and_the_last_lifts_in_any_case(
+    attempts: int, closings: int
+) -> None:
+    count = attempts * (closings + 1)
+    script = _Script([_outcome("aborted", ("left",))] * count, (scenes.grasp(),))
+    scenario = scenes.scenario(BOX, scenes.hand(), attempts=attempts, closings=closings)
+    list(grasp_with_tactile_check(scenario, scenes.contacts(), script))
+    checks = [call["accept_grasp"] is not None for call in script.calls]
+    assert checks == [True] * (count - 1) + [False]
+    # After an attempt, the object may be somewhere else; after a test, it is where it was.
+    assert script.sought == [True] * (attempts - 1)
+
+
+@pytest.mark.parametrize(("hand", "count"), [(scenes.hand(), 2), (ALLEGRO, 3)])
+def test_each_test_needs_less_closure_than_the_one_before(hand: Hand, count: int) -> None:
+    script = _Script([_outcome("aborted")] * 12, (scenes.grasp(),))
+    scenario = scenes.scenario(BOX, hand, attempts=2, closings=5)
+    list(grasp_with_tactile_check(scenario, scenes.contacts(), script))
+    limit = np.arctan(0.5 * scenario.known.load.friction)
+    closings = [_closing(angle, count) for angle in np.linspace(0.0, 1.1 * limit, 200)]
+    checks = [call["accept_grasp"] for call in script.calls[:-1]]
+    accepted = [sum(map(check, closings)) for check in checks]
+    assert accepted[:6] == accepted[6:] + accepted[5:6]  # the tests of both attempts
+    assert 0 < accepted[0] < accepted[1] < accepted[2] < accepted[3] < accepted[4] < accepted[5]
+    # What remains is force closure at half the friction.
+    assert accepted[5] == pytest.approx(200 / 1.1, abs=1.0)
+
+
 def test_the_tactile_check_needs_force_closure() -> None:
     _, calls = _scripted([_outcome("held")], (scenes.grasp(),), 2)
     accept_grasp = calls[0]["accept_grasp"]
@@ -212,14 +262,16 @@ def test_the_tactile_check_needs_force_closure() -> None:
 
 def test_flat_pads_may_touch_parallel_faces_at_opposite_ends() -> None:
     gripper = Hand.load("wsg50")
-    accept_grasp = regrasp._tactile_check(BOX.mesh, gripper, 0.8)
+    known = scenes.scenario(BOX, gripper, friction=0.8).known
+    accept_grasp = regrasp._tactile_check(BOX.mesh, known, 0.0)
     points = np.array([[-0.02, -0.01, 0.0], [0.02, 0.01, 0.0]])  # 27 deg, outside half the cone
     faces = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     assert accept_grasp(Contacts(points, faces))
     wedge = np.array([[-1.0, 0.0, 0.6], [1.0, 0.0, 0.6]]) / np.hypot(1.0, 0.6)
     assert not accept_grasp(Contacts(points, wedge))
     # Fingertips do not turn the object.
-    assert not regrasp._tactile_check(BOX.mesh, ALLEGRO, 0.8)(Contacts(points, faces))
+    rounded = replace(known, hand=ALLEGRO)
+    assert not regrasp._tactile_check(BOX.mesh, rounded, 0.0)(Contacts(points, faces))
 
 
 def test_an_object_with_an_unseen_end_is_touched_before_the_first_grasp() -> None:
