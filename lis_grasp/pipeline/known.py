@@ -104,7 +104,7 @@ class Known(Perception):
     grasps: int  #: to plan
     obstacles: trimesh.Trimesh | None = None  #: what hand and arm must not hit [m]
     attempts: int  #: grasps to lift at most
-    closings: int  #: grasps to test by closing gently before each lift, at most
+    closings: int  #: grasps to test by closing gently before a lift, at most
     seed: int  #: of every random draw
 
     @classmethod

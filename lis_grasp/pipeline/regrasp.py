@@ -1,4 +1,4 @@
-"""Regrasping: after a failed attempt, find the object again by touch, learn, and plan anew."""
+"""Regrasping: test grasps by touch; after a failure, find the object again and plan anew."""
 
 from __future__ import annotations
 
@@ -49,8 +49,9 @@ _PROBES_PER_TOUCH = 4
 # Known contacts that may be touched again to find the object.
 _TOUCHED_AGAIN = 48
 
-# Closure of measured contacts above which the first grasp tested is lifted: of rounded fingertips,
-# and of the flat pads of a parallel-jaw gripper.
+# Closure of measured contacts above which the first grasp that is tested is lifted: of rounded
+# fingertips, and of flat pads. Of five grasps each of 13 development objects, by the four-finger
+# hand, closure puts those that hold first in 94 % of pairs, and predicted success in 80 %.
 _FIRM_CLOSURE, _FIRM_CLOSURE_OF_JAWS = 0.03, 0.012
 
 # Outcomes of grasps that hardly move the object, which is not searched for after them.
@@ -98,6 +99,10 @@ class Lesson:
     lost: bool  #: whether it was found somewhere else, earlier contacts unused
 
 
+# Of a test, but for what the hand felt.
+_UNMOVED = Lesson(0, 0, 0, 0.0, lost=False)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Attempt:
     """One executed grasp, with the contacts and the estimate that it was planned on."""
@@ -116,19 +121,19 @@ def grasp_with_tactile_check(
 ) -> Iterator[Attempt]:
     """Grasp and lift; after a failure, learn from it and try again.
 
-    Grasps of a plan are tested before one is lifted, the likeliest first: the fingers close and
-    push gently. If the measured contacts are in firm force closure at half the friction, the hand
-    squeezes and lifts; points at opposite ends of parallel faces count as opposite each other under
-    flat pads. If they are not, or if the hand hits the object during the approach, the grasp is
-    aborted: the hand lets go, and tests the next, where the object is believed to be. After
-    `Known.closings` tests the grasp of the best closure is lifted, if it is in force closure at
-    all. After an attempt without a lift and after every failed one (`LOST_GRASPS`), the hand lets
-    go and retreats, and the object comes to rest somewhere.
+    A grasp is tested before it is lifted: the fingers close and push gently. The measured contacts
+    must be in firm force closure at half the friction; points at opposite ends of parallel faces
+    count as opposite each other under flat pads. If they are not, if the hand hits the object
+    during the approach, or if the object slips in the first centimetre of the lift, the hand opens
+    and retreats. What it measured is added to the contacts, the object is hardly moved, and a grasp
+    on the new estimate is tested. Each of `Known.closings` tests asks for less; after them, force
+    closure is enough.
 
-    There it is found again by touch, and touched some more times (`touch_more`), as it is at the
-    beginning if an end of it is unseen, and if no grasp is found. Contacts and space that the hand
-    felt are added. A weighed mass replaces the prior. The next grasp is the likeliest to succeed if
-    grasps like the failed ones fail too. The last of `Known.attempts` lifts in any case.
+    After every other failure (`LOST_GRASPS`) and without a grasp, the attempt has ended, and the
+    object rests somewhere. There it is found again by touch, and touched some more times
+    (`touch_more`), as it is at the beginning if an end of it is unseen. A weighed mass replaces the
+    prior. The next grasp is the likeliest to succeed if grasps like the failed ones fail too. The
+    last grasp of the last of `Known.attempts` is lifted without a check.
 
     Where the arm has no way to a grasp, or has to stop on it, the next grasp of the plan is
     executed instead, as part of the same attempt.
@@ -167,14 +172,12 @@ def grasp_with_tactile_check(
         if last is not None:
             failed += [search.grasps[attempt.rank].contact_points] * last.closed
             scenario, contacts = _learned(attempt, last)
-        lesson = Lesson(len(contacts) - len(attempt.contacts), 0, 0, 0.0, lost=False)
+        felt, lesson = len(contacts) - len(attempt.contacts), _UNMOVED
         if not is_test:
-            felt = lesson.felt
-            scenario, contacts, lesson = stages.touch_more(
-                scenario, contacts, moved=last is not None
-            )
-            failed, lesson = [] if lesson.lost else failed, replace(lesson, felt=felt)
-        yield replace(attempt, lesson=lesson)
+            moved = last is not None
+            scenario, contacts, lesson = stages.touch_more(scenario, contacts, moved=moved)
+            failed = [] if lesson.lost else failed
+        yield replace(attempt, lesson=replace(lesson, felt=felt))
         if not len(contacts):
             return
 
