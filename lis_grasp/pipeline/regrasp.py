@@ -99,10 +99,6 @@ class Lesson:
     lost: bool  #: whether it was found somewhere else, earlier contacts unused
 
 
-# Of a test, but for what the hand felt.
-_UNMOVED = Lesson(0, 0, 0, 0.0, lost=False)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Attempt:
     """One executed grasp, with the contacts and the estimate that it was planned on."""
@@ -172,7 +168,8 @@ def grasp_with_tactile_check(
         if last is not None:
             failed += [search.grasps[attempt.rank].contact_points] * last.closed
             scenario, contacts = _learned(attempt, last)
-        felt, lesson = len(contacts) - len(attempt.contacts), _UNMOVED
+        felt = len(contacts) - len(attempt.contacts)
+        lesson = Lesson(felt, 0, 0, 0.0, lost=False)
         if not is_test:
             moved = last is not None
             scenario, contacts, lesson = stages.touch_more(scenario, contacts, moved=moved)

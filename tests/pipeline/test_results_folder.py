@@ -296,6 +296,7 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
         "obstacles": "shelf.stl",
         "keep_all": True,
         "attempts": 4,
+        "closings": 2,
         "simulator": "mujoco",
         "arm": "iiwa14",
     }
