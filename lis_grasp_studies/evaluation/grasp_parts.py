@@ -145,12 +145,12 @@ class GraspsPart(LiftsPart):
         ]
 
     def answers(self, rows: Sequence[Row]) -> dict[str, str]:
-        """Return the rates of single grasps, and of several attempts."""
+        """Return the rates of grasps lifted as planned, and of tested ones."""
         once, more = where(rows, closings=0), [row for row in rows if row["closings"]]
         found = {}
         for question, part in (
             ("How often is an unknown object held, by one grasp?", once),
-            ("And with several attempts?", more),
+            ("And if grasps are tested by touch, in one to several attempts?", more),
         ):
             if part and not self.known:
                 texts = [
@@ -163,7 +163,7 @@ class GraspsPart(LiftsPart):
         return found
 
     def numbers(self, rows: Sequence[Row]) -> dict[str, float]:
-        """Return the trials of an estimator, and held rates [%], also of families and attempts.
+        """Return the trials of an estimator, held rates [%], of families and tested grasps too.
 
         "predicted" is the mean probability of success of the grasps of `blend` that were tried,
         and "observed" the rate at which they held.
@@ -171,10 +171,16 @@ class GraspsPart(LiftsPart):
         family, once = group_of(self.objects), where(rows, closings=0)
         tried = [r for r in where(once, estimator=SUBJECT) if r["success_probability"] is not None]
         named = [r | {"family": family[r["object"]]} for r in once]
-        several = [r | {"attempts": f"x{r['attempts']}"} for r in rows]
+        tested = [
+            r | {"attempts": f"x{r['attempts']}", "family": family[r["object"]]}
+            for r in rows
+            if r["closings"]
+        ]
         groups = split(named, "estimator", "touches") | split(named, "estimator", "family")
         groups |= split(named, "estimator", "family", "touches")
-        groups |= split(several, "estimator", "attempts")
+        groups |= split(tested, "estimator", "attempts")
+        groups |= split(tested, "estimator", "family", "attempts")
+        groups |= split(tested, "estimator", "attempts", "touches")
         found = {name: held_rate(of) for name, of in split(once, "estimator").items()}
         found |= {" ".join(map(str, key)): held_rate(of) for key, of in groups.items()}
         if tried:

@@ -33,7 +33,7 @@ _key = itemgetter(*TRIAL_COLUMNS, "estimator")
 _TIMES = ("touch", "estimate", "grasp", "lift")
 _MOST_LOST = 12  # objects that are listed
 _CAPTION = (
-    "Percent of grasps that lift the object and hold it through the shake, one attempt. Dots are"
+    "Percent of grasps that lift the object and hold it through the shake, as planned. Dots are"
     " seeds, lines one standard deviation between seeds."
 )
 
@@ -102,24 +102,25 @@ def _count_of(rows: Sequence[Row]) -> str:
 
 
 def attempts_table(rows: Sequence[Row]) -> Table:
-    """Return the rates of one attempt and of several, of the same explorations."""
-    more = [row for row in rows if row["attempts"] > 1]
-    once = {_key(row): row for row in where(rows, attempts=1)}
-    pairs = [(row, once[_key(row)]) for row in more if _key(row) in once]
+    """Return the rates of grasps lifted as planned, and of tested ones in some attempts."""
+    tested = [row for row in rows if row["closings"]]
+    once = {_key(row): row for row in where(rows, closings=0)}
+    pairs = [(row, once[_key(row)]) for row in tested if _key(row) in once]
     groups = {
         (estimator_label(name), str(most)): [
             pair for pair in pairs if (pair[0]["estimator"], pair[0]["attempts"]) == (name, most)
         ]
-        for name, most in split(more, "estimator", "attempts")
+        for name, most in split(tested, "estimator", "attempts")
     }
     columns: list[Column] = [
         ("trials", lambda pairs: str(len(pairs))),
-        ("one attempt", lambda pairs: held_text([other for _, other in pairs])),
-        ("several", lambda pairs: held_text([row for row, _ in pairs])),
+        ("as planned", lambda pairs: held_text([other for _, other in pairs])),
+        ("tested", lambda pairs: held_text([row for row, _ in pairs])),
         ("difference in points", lambda pairs: difference(pairs)),
     ]
-    title = "Held with one attempt and with several, in percent"
-    return grouped_table("attempts", title, "estimator | at most", groups, columns)
+    columns.append(("grasps", lambda pairs: f"{np.mean([r['executed'] for r, _ in pairs]):.1f}"))
+    title = "Held as planned, and tested by touch in one or several attempts, in percent"
+    return grouped_table("attempts", title, "estimator | attempts", groups, columns)
 
 
 def stages_table(rows: Sequence[Row]) -> Table:
@@ -150,7 +151,7 @@ def beside_table(rows: Sequence[Row], earlier: Sequence[Row], objects: Groups) -
     known = {_key(row): row for row in earlier}
     family = group_of(objects)
     groups: dict[tuple[str, str], list[tuple[Row, Row]]] = {}
-    for row in where(rows, attempts=1):
+    for row in where(rows, closings=0):
         if (other := known.get(_key(row))) is not None:
             for group in (family.get(row["object"], NONE), ALL):
                 label = estimator_label(row["estimator"])
