@@ -149,8 +149,8 @@ LIFT_REASONS: Mapping[str, str] = MappingProxyType(
         "set_down": "the object slipped at the start of the lift, or was weighed as too heavy for"
         " the grip, and the hand set it down: permit more attempts (`attempts`), or try a smaller"
         " `mass`",
-        "aborted": "the tactile check rejected the grasp before the squeeze: permit more attempts"
-        " (`attempts`), or make more touches (`touches`)",
+        "aborted": "the tactile check rejected the grasp before the squeeze: permit more tests"
+        " (`closings`), or make more touches (`touches`)",
         "ejected": "closing the fingers drove the object out of the hand: try the next grasps"
         " (`best` of the lift), or make more touches (`touches`)",
         "not_lifted": "the hand rose without the object: it slid out, or is too heavy for the"
@@ -231,7 +231,7 @@ def lesson_sentence(lesson: Mapping[str, Any]) -> str:
     """Return what a failed attempt taught, the fields of a `Lesson`."""
     felt, touched, probes = lesson["felt"], lesson["touched"], lesson["probes"]
     if not lesson["lost"] and not probes:
-        return f"{felt} contacts felt; the next grasp"
+        return f"{felt} contacts felt; planned anew"
     where = f"found {1e3 * lesson['moved']:.0f} mm away"
     if lesson["lost"]:
         where = f"not where it was: explored anew, {touched} contacts" if touched else "not found"
