@@ -122,7 +122,7 @@ class GraspsPart(LiftsPart):
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return the rates by family, lost objects, ways to grasp, attempts, calibration, times."""
-        once = where(rows, closings=0)
+        once = _as_planned(rows)
         return [
             families_table(once, self.objects),
             lost_table(once),
@@ -136,7 +136,7 @@ class GraspsPart(LiftsPart):
 
     def pictures(self, rows: Sequence[Row]) -> list[Picture]:
         """Return the chart of rates by touches, and by family."""
-        once, family = where(rows, closings=0), group_of(self.objects)
+        once, family = _as_planned(rows), group_of(self.objects)
         by_touches = sorted(once, key=itemgetter("touches"))
         by_family = sorted(once, key=lambda row: list(self.objects).index(family[row["object"]]))
         return [
@@ -146,7 +146,7 @@ class GraspsPart(LiftsPart):
 
     def answers(self, rows: Sequence[Row]) -> dict[str, str]:
         """Return the rates of grasps lifted as planned, and of tested ones."""
-        once, more = where(rows, closings=0), [row for row in rows if row["closings"]]
+        once, more = _as_planned(rows), [row for row in rows if row["closings"]]
         found = {}
         for question, part in (
             ("How often is an unknown object held, by one grasp?", once),
@@ -168,7 +168,7 @@ class GraspsPart(LiftsPart):
         "predicted" is the mean probability of success of the grasps of `blend` that were tried,
         and "observed" the rate at which they held.
         """
-        family, once = group_of(self.objects), where(rows, closings=0)
+        family, once = group_of(self.objects), _as_planned(rows)
         tried = [r for r in where(once, estimator=SUBJECT) if r["success_probability"] is not None]
         named = [r | {"family": family[r["object"]]} for r in once]
         tested = [
@@ -187,6 +187,11 @@ class GraspsPart(LiftsPart):
             found["predicted"] = 100.0 * float(np.mean([r["success_probability"] for r in tried]))
             found["observed"] = held_rate(tried)
         return found | {"trials": len(where(once, estimator=SUBJECT))}
+
+
+def _as_planned(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows of grasps that were lifted as planned; all rows, if every one was tested."""
+    return where(rows, closings=0) or list(rows)
 
 
 class SimulatorsPart(LiftsPart):

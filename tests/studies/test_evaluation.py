@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import sys
@@ -39,6 +40,7 @@ from lis_grasp_studies.harness.parquet import read_parquet
 from lis_grasp_studies.harness.rows import Job
 from lis_grasp_studies.harness.runner import InProcess
 from lis_grasp_studies.harness.tables import Table
+from lis_grasp_studies.study.columns import blank_row
 from lis_grasp_studies.study.results import without_times
 from lis_grasp_studies.study.run import run_trial
 from lis_grasp_studies.study.trial import Setup, Trial
@@ -254,6 +256,20 @@ def test_rates_and_tables_are_those_counted_by_hand() -> None:
     (line,) = attempts_table([*rows, *more]).body
     assert line[:3] == ("blend", "1", "4")
     assert [line[3].split()[0], line[4].split()[0], line[5]] == ["75", "100", "+25.0"]
+
+
+def test_a_part_of_tested_grasps_alone_is_reported() -> None:
+    known = Configuration.load(SHIPPED / "published.yaml").parts["grasps"]
+    seeds = itertools.product(range(2), ("box", "pen"))
+    rows = [
+        blank_row(Trial(name, "wsg50", 10, "none", seed, Setup(closings=5)), estimator, shape)
+        | {"held": bool(seed), "executed": 2, "reason": "held" if seed else "dropped"}
+        for seed, name in seeds
+        for shape in [Trial(name, "wsg50", 10, "none", 0).find_object()]
+        for estimator in ("blend", "gpis")
+    ]
+    assert known.numbers(rows)["blend x1"] == known.numbers(rows)["blend"] == 50.0
+    assert len(known.tables(rows)) == 8
 
 
 def test_an_earlier_version_that_held_more_is_named() -> None:
