@@ -325,8 +325,8 @@ def _face_contacts(offset: np.ndarray) -> Contacts:
     return Contacts(np.array(points), np.array(normals))
 
 
-def _attempts(offset: np.ndarray, attempts: int, seed: int = 0) -> list[Attempt]:
-    config = RunConfig(object="box", estimator="blend", attempts=attempts, seed=seed)
+def _attempts(offset: np.ndarray, attempts: int, seed: int = 0, closings: int = 0) -> list[Attempt]:
+    config = RunConfig("box", estimator="blend", attempts=attempts, closings=closings, seed=seed)
     scenario = Scenario.from_config(config, BOX, ALLEGRO)
     return list(grasp_with_tactile_check(scenario, _face_contacts(offset)))
 
@@ -338,7 +338,7 @@ def _holds(attempts: list[Attempt]) -> bool:
 
 @pytest.mark.slow
 def test_a_correct_estimate_passes_the_tactile_check_at_once() -> None:
-    (only,) = _attempts(np.zeros(3), 3)
+    (only,) = _attempts(np.zeros(3), 3, closings=5)
     assert only.outcome.reason == "held"
 
 
@@ -347,6 +347,7 @@ def test_contacts_of_aborted_grasps_correct_a_displaced_estimate() -> None:
     # The contacts are 30 mm off, so that the hand collides with the true box.
     aside, seeds = np.array([0.0, 0.03, 0.0]), (1, 2, 3)  # with seed 0 one attempt is lucky
     assert not any(_holds(_attempts(aside, 1, seed)) for seed in seeds)
+    assert sum(_holds(_attempts(aside, 1, seed, closings=5)) for seed in seeds) >= 2
     runs = [_attempts(aside, 3, seed) for seed in seeds]
     for before, after in chain.from_iterable(map(pairwise, runs)):
         assert before.outcome.reason == "aborted"
