@@ -59,7 +59,7 @@ def test_rows_are_of_one_commit_and_those_of_tested_grasps_of_a_later_one() -> N
     commits: dict[bool, set[tuple[str, str]]] = {True: set(), False: set()}
     for name, rows in _published()[1].items():
         for row in rows:
-            is_tested = name in ("heavy", "arms") or bool(row.get("closings"))
+            is_tested = name == "heavy" or bool(row.get("closings"))
             commits[is_tested].add((row["version"], row["commit"]))
     assert [len(of) for of in commits.values()] == [1, 1]
 
