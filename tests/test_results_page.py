@@ -24,13 +24,13 @@ TEMPLATE = STUDY / "results.md.in"
 _README = (
     "Held: {grasps[blend]:.0f} % on `blend`, {grasps[gpis]:.0f} % on a Gaussian process (`gpis`),"
     " {grasps[lis]:.0f} % on `lis`, {grasps[truth]:.0f} % on the true mesh, of {grasps[trials]}"
-    " simulated trials each. Tested by touch before the lift, as `run` does:"
-    " {grasps[blend x1]:.0f} % on `blend`, {grasps[gpis x1]:.0f} % on `gpis`; with up to three"
-    " attempts {grasps[blend x3]:.0f} % on both",
+    " simulated trials each. If `run` tests grasps by touch before the lift,"
+    " {grasps[blend x1]:.0f} % hold on `blend` and {grasps[gpis x1]:.0f} % on `gpis`; in up to"
+    " three attempts after 20 touches, {grasps[blend x3]:.0f} % on both",
     "`blend` is {paper[blend]:.1f} mm from them, `lis` {paper[lis]:.1f} mm and `gpis`"
     " {paper[gpis]:.1f} mm",
-    "on tools {grasps[blend tools x1]:.0f} % of tested grasps held, on twelve harder objects, in"
-    " three attempts, {hard[blend x3]:.0f} %",
+    "of tested grasps on tools {grasps[blend tools x1]:.0f} % held in one attempt; on twelve harder"
+    " objects {hard[blend x3]:.0f} % in up to three",
 )
 
 # Numbers with units that no row has: the level of intervals.

@@ -11,6 +11,7 @@ from lis_grasp.cli.progress import PRINTED, complain, say, say_search
 from lis_grasp.cli.view import watched
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, LisGraspError, counted
 from lis_grasp.pipeline.results_folder import results_folder
+from lis_grasp.pipeline.run_config import LIFTING
 from lis_grasp.pipeline.scenario import find_object
 from lis_grasp.pipeline.summary import run_lines
 
@@ -19,7 +20,7 @@ _SEVERAL = Path("results/objects")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
-    opt.add_exploration(parser, "free_space", "grasps", "attempts", "closings", "simulator")
+    opt.add_exploration(parser, "free_space", *LIFTING)
     several = "further objects: each gets a folder of its name in --output"
     parser.add_argument("more", metavar="OBJECT", nargs="*", default=[], help=several)
     parser.set_defaults(execute=execute)

@@ -23,7 +23,7 @@ from lis_grasp.pipeline import lifting_stage, stages
 from lis_grasp.pipeline._run import run as run_with_files
 from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.results import Run
-from lis_grasp.pipeline.run_config import RunConfig, require_used
+from lis_grasp.pipeline.run_config import LIFTING, RunConfig, require_used
 from lis_grasp.pipeline.scenario import Scenario, find_object
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import HAND_REGISTRY
@@ -42,8 +42,7 @@ _HAND = RunConfig().hand
 # Fields of RunConfig that each stage uses, beside its hand and the name of its object.
 _LOAD = ("size", "units", "up", "mass", "friction", "load", "arm", "base")
 _RUN = tuple(f.name for f in fields(RunConfig) if f.name not in ("object", "hand", "obstacles"))
-_LATER = ("free_space", "grasps", "attempts", "closings", "simulator")
-_EXPLORE = tuple(name for name in _RUN if name not in _LATER)
+_EXPLORE = tuple(name for name in _RUN if name not in ("free_space", *LIFTING))
 
 
 def run(

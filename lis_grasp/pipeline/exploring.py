@@ -25,7 +25,7 @@ from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.progress import SILENT, Progress, StageProgress
 from lis_grasp.pipeline.results_folder import LOG, remove_made_from, result_file, results_folder
-from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.run_config import LIFTING, RunConfig
 from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.stages import exploration_setup, make_prober, touch_steps
 from lis_grasp.robots.hand import Hand
@@ -219,7 +219,7 @@ def _header(scenario: Scenario) -> str:
     """Return the facts of an exploration as the header of its files."""
     config = scenario.config
     loads = () if config.free or config.until_success is not None else ("mass", "friction")
-    later = ("grasps", "attempts", "closings", "simulator", "obstacles", *loads)
+    later = (*LIFTING, "obstacles", *loads)
     facts = {name: value for name, value in config.facts().items() if name not in later}
     poses = {name: value for name, value in scenario.facts().items() if name != "X_EO"}
     return provenance.describe(**facts, **poses)

@@ -73,6 +73,9 @@ TOUCHING, SENSOR, SURFACE = "touching", "tactile sensor", "surface"
 GRASPING, ARM = "grasp and lift", "arm"
 """Groups of options, in this order in the help; others are listed before all groups."""
 
+LIFTING = ("grasps", "attempts", "closings", "simulator")
+"""Options of a run on which its exploration does not depend."""
+
 
 def _noise(help: str, name: str, metavar: str, words_else: str = "") -> Any:
     words = f"{REAL_SENSOR[name]:.3g}; 0 with --known or --ideal"

@@ -12,7 +12,7 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import DEFAULT_REGION, STEP_FRACTION, Exploration, Region, Workspace
-from lis_grasp.geometry import inverse_pose, require_pose
+from lis_grasp.geometry import require_pose
 from lis_grasp.pipeline.known import Known, station_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.robots.hand import Hand
@@ -114,18 +114,13 @@ class Scenario:
         """
         beliefs = [o.tracked for o in exploration.outcomes if o.tracked is not None]
         known = self.known.in_frame(beliefs[-1].X_WE) if beliefs else self.known
+        after = replace(self, known=known)
         X_EO = exploration.simulated_pose
-        truth = self.truth if X_EO is None else replace(self.truth, X_EO=X_EO)
-        return replace(self, known=known, truth=truth)
+        return after if X_EO is None else after.moved(X_EO)
 
-    def moved(self, X_EF: FloatArray, X_EO: FloatArray) -> Scenario:
-        """Return the scenario in a frame F, with the object at another pose.
-
-        F has the pose `X_EF` (4, 4) in the present frame E, in which the object is at `X_EO`
-        (4, 4).
-        """
-        truth = replace(self.truth, X_EO=inverse_pose(X_EF) @ X_EO)
-        return replace(self, known=self.known.in_frame(X_EF), truth=truth)
+    def moved(self, X_EO: FloatArray) -> Scenario:
+        """Return the scenario with the object at another pose (4, 4) in the frame E."""
+        return replace(self, truth=replace(self.truth, X_EO=X_EO))
 
     def warnings(self, contacts: Contacts) -> dict[str, list[str]]:
         """Return the warning that ends of the object were not found, as a fact; none if all were.

@@ -21,6 +21,7 @@ from lis_grasp_studies.evaluation.grasp_tables import (
     lost_table,
     rates_chart,
     stages_table,
+    tested,
     ways_table,
 )
 from lis_grasp_studies.evaluation.part import Part, Places, group_of, interleaved
@@ -146,7 +147,7 @@ class GraspsPart(LiftsPart):
 
     def answers(self, rows: Sequence[Row]) -> dict[str, str]:
         """Return the rates of grasps lifted as planned, and of tested ones."""
-        once, more = _as_planned(rows), [row for row in rows if row["closings"]]
+        once, more = _as_planned(rows), tested(rows)
         found = {}
         for question, part in (
             ("How often is an unknown object held, by one grasp?", once),
@@ -171,16 +172,14 @@ class GraspsPart(LiftsPart):
         family, once = group_of(self.objects), _as_planned(rows)
         tried = [r for r in where(once, estimator=SUBJECT) if r["success_probability"] is not None]
         named = [r | {"family": family[r["object"]]} for r in once]
-        tested = [
+        more = [
             r | {"attempts": f"x{r['attempts']}", "family": family[r["object"]]}
-            for r in rows
-            if r["closings"]
+            for r in tested(rows)
         ]
         groups = split(named, "estimator", "touches") | split(named, "estimator", "family")
         groups |= split(named, "estimator", "family", "touches")
-        groups |= split(tested, "estimator", "attempts")
-        groups |= split(tested, "estimator", "family", "attempts")
-        groups |= split(tested, "estimator", "attempts", "touches")
+        groups |= split(more, "estimator", "attempts")
+        groups |= split(more, "estimator", "family", "attempts")
         found = {name: held_rate(of) for name, of in split(once, "estimator").items()}
         found |= {" ".join(map(str, key)): held_rate(of) for key, of in groups.items()}
         if tried:

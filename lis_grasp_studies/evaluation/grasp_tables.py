@@ -43,6 +43,11 @@ def held_rate(rows: Sequence[Row]) -> float:
     return float(100.0 * np.mean([bool(row["held"]) for row in rows]))
 
 
+def tested(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows of grasps that were tested by touch before the lift."""
+    return [row for row in rows if row["closings"]]
+
+
 def families_table(rows: Sequence[Row], objects: Groups) -> Table:
     """Return the rates of each group of objects, where blend loses most to GPIS first."""
 
@@ -103,22 +108,21 @@ def _count_of(rows: Sequence[Row]) -> str:
 
 def attempts_table(rows: Sequence[Row]) -> Table:
     """Return the rates of grasps lifted as planned, and of tested ones in some attempts."""
-    tested = [row for row in rows if row["closings"]]
     once = {_key(row): row for row in where(rows, closings=0)}
-    pairs = [(row, once[_key(row)]) for row in tested if _key(row) in once]
+    pairs = [(row, once[_key(row)]) for row in tested(rows) if _key(row) in once]
     groups = {
         (estimator_label(name), str(most)): [
             pair for pair in pairs if (pair[0]["estimator"], pair[0]["attempts"]) == (name, most)
         ]
-        for name, most in split(tested, "estimator", "attempts")
+        for name, most in split(tested(rows), "estimator", "attempts")
     }
     columns: list[Column] = [
         ("trials", lambda pairs: str(len(pairs))),
         ("as planned", lambda pairs: held_text([other for _, other in pairs])),
         ("tested", lambda pairs: held_text([row for row, _ in pairs])),
         ("difference in points", lambda pairs: difference(pairs)),
+        ("grasps", lambda pairs: f"{np.mean([row['executed'] for row, _ in pairs]):.1f}"),
     ]
-    columns.append(("grasps", lambda pairs: f"{np.mean([r['executed'] for r, _ in pairs]):.1f}"))
     title = "Held as planned, and tested by touch in one or several attempts, in percent"
     return grouped_table("attempts", title, "estimator | attempts", groups, columns)
 

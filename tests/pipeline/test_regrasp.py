@@ -374,7 +374,7 @@ def test_a_displaced_object_is_found_again_by_touch(motion: tuple[float, ...], l
     points, faces = trimesh.sample.sample_surface(mesh, 20, seed=0)
     above = mesh.face_normals[faces][:, 2] > -0.5
     contacts = Contacts(points[above], mesh.face_normals[faces][above])
-    found, touched, lesson = touch_more(scenario.moved(np.eye(4), X_EO), contacts, moved=True)
+    found, touched, lesson = touch_more(scenario.moved(X_EO), contacts, moved=True)
     assert lesson.moved > 0.005
     on_object = trimesh.transform_points(touched.points, np.linalg.inv(found.truth.X_EO))
     assert distances_to_mesh(on_object, mesh)[0].max() < 0.003
