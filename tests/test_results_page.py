@@ -26,7 +26,7 @@ _README = (
     " {grasps[lis]:.0f} % on `lis`, {grasps[truth]:.0f} % on the true mesh, of {grasps[trials]}"
     " simulated trials each. If `run` tests grasps by touch before the lift,"
     " {grasps[blend x1]:.0f} % hold on `blend` and {grasps[gpis x1]:.0f} % on `gpis`; in up to"
-    " three attempts after 20 touches, {grasps[blend x3]:.0f} % on both",
+    " three attempts after twenty touches, {grasps[blend x3]:.0f} % on both",
     "`blend` is {paper[blend]:.1f} mm from them, `lis` {paper[lis]:.1f} mm and `gpis`"
     " {paper[gpis]:.1f} mm",
     "of tested grasps on tools {grasps[blend tools x1]:.0f} % held in one attempt; on twelve harder"
