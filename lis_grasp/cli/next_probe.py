@@ -17,7 +17,7 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, complain, say
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, shown
-from lis_grasp.exploration import Exploration, ProbeOutcome, TouchLog
+from lis_grasp.exploration import Exploration, Observation, TouchLog
 from lis_grasp.io.atomic_writing import sole_writer, write_json
 from lis_grasp.pipeline.contact_sources import (
     ContactSource,
@@ -36,7 +36,7 @@ from lis_grasp.typing import FloatArray
 
 _READING = ("units", "normals", "fingertip_radius", "viewpoint")  # what a file does not say
 _NOISE = ("position_noise", "normal_noise")
-_Before: TypeAlias = tuple[Contacts, tuple[ProbeOutcome, ...], dict[str, Any]]
+_Before: TypeAlias = tuple[Contacts, tuple[Observation, ...], dict[str, Any]]
 _OPTIONS = ("hand", "estimator", "policy", "slide", *_NOISE, "obstacles", "seed", "keep_all")
 
 
@@ -103,7 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Choose the next touch, print it, and write it; or answer requests for touches."""
     serves = options.serve or options.port is not None or options.socket is not None
-    before, outcomes, recorded = _read(options, serves=serves)
+    before, observations, recorded = _read(options, serves=serves)
     place = _place(options, recorded)
     # In a configuration, size is that of a built-in shape, and a region needs a true pose.
     config = RunConfig.from_facts({**vars(options), "size": None, "region": None}, recorded)
@@ -112,12 +112,12 @@ def execute(options: argparse.Namespace) -> None:
     if serves:
         _serve(options, place, config)
         return
-    contacts = before.append(Exploration.replay(outcomes).contacts)
+    contacts = before.append(Exploration.replay(observations).contacts)
     space = place.space(contacts)
     hand = Hand.load(config.hand)
     known = Known.for_hand(config, hand, space, 0.0)
     with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
-        touch = next_touch(known, before, outcomes)
+        touch = next_touch(known, before, observations)
         stage.result = f"policy {config.policy}"
     if place.doubt(contacts):
         say(f"warning: {place.doubt(contacts)}")
@@ -160,7 +160,7 @@ def _place(options: argparse.Namespace, recorded: dict[str, Any]) -> ObjectPlace
 
 
 def _read(options: argparse.Namespace, *, serves: bool) -> _Before:
-    """Return the contacts of a file, or of a log its cloud and outcomes; and the recorded facts."""
+    """Return the contacts of a file, or of a log its cloud and observations; and its facts."""
     path, is_log = options.contacts, _is_log(options.contacts)
     for name in _READING if is_log or serves else ():
         if getattr(options, name) is not None:
@@ -176,8 +176,9 @@ def _read(options: argparse.Namespace, *, serves: bool) -> _Before:
 
 
 def _read_log(path: Path) -> _Before:
-    recorded, outcomes = read_touches(path)
-    return _cloud(recorded.get("cloud")), outcomes, recorded
+    recorded, probes = read_touches(path)
+    observations = tuple(probe.observation for probe in probes)
+    return _cloud(recorded.get("cloud")), observations, recorded
 
 
 def _is_log(path: Path | None) -> bool:
@@ -215,8 +216,8 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, config: RunConfig) -
         facts["cloud"] = str(source)
     log = TouchLog(path, facts)
     with sole_writer(folder):
-        before, outcomes, _ = _read_log(path) if resumed else (_cloud(source), (), {})
-        service = TouchService(config, hand, place, folder, log, before, outcomes)
+        before, observations, _ = _read_log(path) if resumed else (_cloud(source), (), {})
+        service = TouchService(config, hand, place, folder, log, before, observations)
         if options.port is None and options.socket is None:
             with _own_output() as answers:
                 complain("ready: requests on standard input, one JSON object a line")

@@ -12,22 +12,35 @@ import trimesh
 from threadpoolctl import threadpool_limits
 
 from lis_grasp.exceptions import EstimationError, InvalidMeshError
-from lis_grasp.exploration import Exploration, ExplorationState, ProbeOutcome, TouchLog, begin
-from lis_grasp.exploration.loop import end
+from lis_grasp.exploration import (
+    Exploration,
+    ExplorationState,
+    LoggedProbe,
+    Prober,
+    TouchLog,
+    begin,
+)
 from lis_grasp.exploration.policy import POLICY_NAMES
-from lis_grasp.exploration.probe import maps_of
+from lis_grasp.exploration.strategy import end
 from lis_grasp.grasping.hand_capacity import narrowest_width
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import sole_writer
 from lis_grasp.io.surface_files import remove_growth, save_growth
 from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.meshing import extract_mesh
+from lis_grasp.pipeline.contact_sources import prior_contacts
 from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.progress import SILENT, Progress, StageProgress
 from lis_grasp.pipeline.results_folder import LOG, remove_made_from, result_file, results_folder
 from lis_grasp.pipeline.run_config import LIFTING, RunConfig
 from lis_grasp.pipeline.scenario import Scenario
-from lis_grasp.pipeline.stages import exploration_setup, make_prober, touch_steps
+from lis_grasp.pipeline.stages import (
+    make_perception,
+    make_prober,
+    make_strategy,
+    touch_steps,
+    true_pose,
+)
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import opening_range
 from lis_grasp.robots.shipped_models import HAND_REGISTRY, hand_path
@@ -48,8 +61,10 @@ def explore_into(
     progress: Progress = SILENT,
     fresh: bool = False,
     arm_use: ArmUse | None = None,
-) -> Exploration:
+) -> tuple[Scenario, Exploration]:
     """Explore, and write touches.jsonl, contacts.ply and some intermediate estimates (growth/).
+
+    Returns the scenario after the exploration, and the exploration.
 
     contacts.ply has the touches, then the points of the cloud, unless the object was lost. An
     interrupted exploration is resumed from its log, and the touches of a finished one are used
@@ -62,9 +77,11 @@ def explore_into(
     """
     config, known = scenario.config, scenario.known
     cloud = known.cloud_contacts
+    prior = prior_contacts(cloud)
     header = _header(scenario)
     log = TouchLog(folder / LOG, provenance.parse(header) | _content(config))
-    recorded, ending = _recorded_outcomes(log, config, progress, fresh=fresh)
+    recorded, ending = _recorded_probes(log, config, progress, fresh=fresh)
+    observations = [probe.observation for probe in recorded]
     if not recorded:
         remove_growth(folder)
         remove_made_from(folder / "contacts.ply", progress)
@@ -72,23 +89,28 @@ def explore_into(
     title = f"Touching {scenario.truth.shape.name} with {known.hand.name}"
     with progress.stage(title) as stage:
         if ending is not None:
-            setup = exploration_setup(known)
-            exploration = end(setup, begin(setup, recorded), ending).result
+            perception, strategy = make_perception(known, prior), make_strategy(known)
+            state, X_EO = begin(perception, strategy, observations), recorded[-1].X_EO
+            state = end(strategy, state, ending)
         else:
-            prober = make_prober(scenario, recorded, arm_use)
-            log.append()  # a page shows the object before the first touch
-            steps = touch_steps(scenario, prober, recorded)
-            exploration = _watched(steps, log, known, header, stage).result
-            log.end(exploration.ended)
+            X_EO = recorded[-1].X_EO if recorded else None
+            now = scenario if X_EO is None else scenario.moved(X_EO)
+            prober = make_prober(now, observations, arm_use)
+            log.begin()  # a page shows the object before the first touch
+            steps = touch_steps(scenario, prober, observations)
+            state = _watched(steps, prober, log, known, header, stage)
+            X_EO = true_pose(prober)
+            log.end(state.ended)
+        exploration = state.result
         stage.result = exploration.summary()
     contacts = exploration.contacts
-    if len(cloud) and min(maps_of(exploration.outcomes)[1], default=0) == 0:
+    if len(state.prior):  # the object was not lost since
         contacts = contacts.append(cloud)
-    after = scenario.after(exploration)
+    after = scenario.after(exploration, X_EO)
     facts = provenance.parse(header) | after.facts() | after.warnings(contacts)
     with result_file(folder / "contacts.ply", progress) as path:
         contacts.save(path, header=provenance.describe(**facts))
-    return exploration
+    return after, exploration
 
 
 def explore_object(
@@ -114,8 +136,7 @@ def explore_object(
     scenario = Scenario.from_config(config)
     say_object(scenario, progress)
     with sole_writer(folder), threadpool_limits(1):
-        exploration = explore_into(folder, scenario, progress=progress, fresh=fresh)
-    return scenario.after(exploration), exploration
+        return explore_into(folder, scenario, progress=progress, fresh=fresh)
 
 
 def say_object(scenario: Scenario, progress: Progress) -> None:
@@ -159,19 +180,21 @@ def growth_counts(contacts: int) -> list[int]:
 
 def _watched(
     steps: Iterator[ExplorationState],
+    prober: Prober,
     log: TouchLog,
     known: Known,
     header: str,
     stage: StageProgress,
 ) -> ExplorationState:
     """Write the log and some intermediate estimates, report the progress, and return the end."""
-    state = next(steps)  # after the recorded outcomes, the last of which may lack its estimate
-    kept = Exploration.replay(state.outcomes[:-1], touches=known.touches).made
+    state = next(steps)  # after the recorded probes, the last of which may lack its estimate
+    kept = Exploration.replay(state.observations[:-1], touches=known.touches).made
     counts = growth_counts(known.touches)
     while not state.ended:
-        made = state.result.made
-        if state.outcomes and (state.outcomes[-1].lost or state.outcomes[-1].joined):
-            stage.note(state.outcomes[-1].reason)
+        made = state.made
+        last = state.observations[-1] if state.observations else None
+        if last is not None and (last.is_lost or last.is_joined):
+            stage.note(last.outcome.reason)
         stage.count(made, known.touches)
         if state.surface is not None and state.is_new:
             # One touch can make several contacts and so pass a count.
@@ -183,7 +206,7 @@ def _watched(
             kept = made
         state = next(steps)
         if not state.ended:
-            log.append(state.outcomes[-1])
+            log.append(state.observations[-1], true_pose(prober))
     return state
 
 
@@ -192,12 +215,12 @@ def _watched(
 _RUNS, _CONFIGURATION = "lis_grasp.pipeline.stages", "lis_grasp.pipeline.run_config"
 
 
-def _recorded_outcomes(
+def _recorded_probes(
     log: TouchLog, config: RunConfig, progress: Progress, *, fresh: bool
-) -> tuple[tuple[ProbeOutcome, ...], str | None]:
-    """Return the outcomes to continue or reuse, and why they ended; say which, or why none."""
+) -> tuple[tuple[LoggedProbe, ...], str | None]:
+    """Return the probes to continue or reuse, and why they ended; say which, or why none."""
     recording = log.read()
-    recorded, ending, why = recording.outcomes, recording.ending, None
+    recorded, ending, why = recording.probes, recording.ending, None
     if fresh and log.path.exists():
         why = ", as asked"
     elif recording.changes:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, get_args, get_type_hints
 from pydantic import Field, create_model
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
-from lis_grasp.exploration import ProbeOutcome
+from lis_grasp.exploration import LoggedProbe
 from lis_grasp.exploration.touch_log import read_log
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import whole_file
@@ -91,10 +91,10 @@ def read_facts(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
     return _usable(provenance.read(path, usual=usual), path)
 
 
-def read_touches(path: Path) -> tuple[dict[str, Any], tuple[ProbeOutcome, ...]]:
-    """Return the facts of a touch log, as of `read_facts`, and its outcomes, as of `read_log`."""
-    facts, outcomes = read_log(path)
-    return _usable(facts, path), outcomes
+def read_touches(path: Path) -> tuple[dict[str, Any], tuple[LoggedProbe, ...]]:
+    """Return the facts of a touch log, as of `read_facts`, and its probes, as of `read_log`."""
+    facts, probes = read_log(path)
+    return _usable(facts, path), probes
 
 
 def _usable(facts: dict[str, Any], path: Path) -> dict[str, Any]:

@@ -107,15 +107,15 @@ class Scenario:
         truth = Truth(shape, config.mass_of(shape.mesh), config.friction, X_WO, X_EO)
         return cls(config, truth, known)
 
-    def after(self, exploration: Exploration) -> Scenario:
+    def after(self, exploration: Exploration, X_EO: FloatArray | None) -> Scenario:
         """Return the scenario after an exploration, in the frame of its contacts.
 
-        The frame moved with the believed object, and with it the station; touches moved the object.
+        The frame moved with the believed object, and with it the station; touches moved the object
+        to the true pose `X_EO` (4, 4), None if it is fixed.
         """
-        beliefs = [o.tracked for o in exploration.outcomes if o.tracked is not None]
-        known = self.known.in_frame(beliefs[-1].X_WE) if beliefs else self.known
+        belief = exploration.belief
+        known = self.known if belief is None else self.known.in_frame(belief.X_WE)
         after = replace(self, known=known)
-        X_EO = exploration.simulated_pose
         return after if X_EO is None else after.moved(X_EO)
 
     def moved(self, X_EO: FloatArray) -> Scenario:

@@ -16,19 +16,22 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, TooManyBadContactsError
 from lis_grasp.exploration import (
     Exploration,
-    ExplorationSetup,
     ExplorationState,
+    ExplorationStrategy,
     MovingProber,
+    Observation,
     Policy,
     PoseTracker,
-    ProbeOutcome,
     Prober,
     Region,
     RegionPolicy,
+    SimulatedProber,
     StopRule,
+    TactilePerception,
     TactileSensor,
     TargetPolicy,
     Workspace,
+    begin,
     explore_steps,
     stop_after,
     stop_when_certain,
@@ -47,6 +50,7 @@ from lis_grasp.surfaces import ContactVerdicts, Estimator, ImplicitSurface
 from lis_grasp.surfaces import estimate as estimate_surface
 from lis_grasp.surfaces.carved_implicit_surface import above_table
 from lis_grasp.surfaces.estimators import find_estimator
+from lis_grasp.typing import FloatArray
 
 # Streams of random numbers: a stage that runs alone repeats its part of a whole run.
 _TOUCH_STREAM = 1
@@ -127,7 +131,7 @@ def plan(known: Known, mesh: trimesh.Trimesh, *, candidates: int = CANDIDATES) -
 
 
 def touch(
-    scenario: Scenario, *, prober: Prober | None = None, recorded: Sequence[ProbeOutcome] = ()
+    scenario: Scenario, *, prober: Prober | None = None, recorded: Sequence[Observation] = ()
 ) -> Exploration:
     """Explore the object of a scenario by touch.
 
@@ -141,7 +145,8 @@ def touch(
     prober
         Carries out the probes; None for the configured one.
     recorded
-        Outcomes to resume: those of the same exploration, interrupted or for fewer touches.
+        Observations to resume: those of the same exploration, interrupted or for fewer touches. A
+        free object is where `Scenario.moved` puts it.
 
     Examples
     --------
@@ -155,27 +160,37 @@ def touch(
 
 
 def touch_steps(
-    scenario: Scenario, prober: Prober, recorded: Sequence[ProbeOutcome] = ()
+    scenario: Scenario, prober: Prober, recorded: Sequence[Observation] = ()
 ) -> Iterator[ExplorationState]:
     """Explore as `touch` does, step by step, as of `explore_steps`."""
     known = scenario.known
-    setup = replace(
-        exploration_setup(known), stop=stop_rules(known), tracker=make_tracker(scenario, prober)
+    perception = make_perception(known, prior_contacts(known.cloud_contacts))
+    perception = replace(perception, tracker=make_tracker(scenario, prober))
+    strategy = replace(make_strategy(known), stop=stop_rules(known))
+    start = begin(perception, strategy, recorded)
+    return explore_steps(prober, perception, strategy, rng=exploration_rng(known), start=start)
+
+
+def make_perception(settings: Perception, prior: Contacts | None = None) -> TactilePerception:
+    """Return how contacts become what is known, without tracker.
+
+    `prior` contacts are known before the first touch.
+    """
+    judge = lru_cache(maxsize=1)(settings.judge)  # for strays, then for the estimate
+    return TactilePerception(
+        _on_credible(make_estimator(settings.estimator, settings.sensor), judge),
+        prior=prior,
+        sensor=settings.sensor,
+        find_strays=None if settings.keep_all else lambda c: judge(c).rows("stray"),
     )
-    return explore_steps(prober, setup, rng=exploration_rng(known), recorded=recorded)
 
 
-def exploration_setup(known: Known) -> ExplorationSetup:
-    """Return the known setup of an exploration, without stop rules and tracker."""
-    judge = lru_cache(maxsize=1)(known.judge)  # for strays, then for the estimate
-    return ExplorationSetup(
+def make_strategy(known: Known) -> ExplorationStrategy:
+    """Return how probes are chosen, without stop rules."""
+    return ExplorationStrategy(
         make_policy(known.policy, known.space, known.sensor),
-        _on_credible(make_estimator(known.estimator, known.sensor), judge),
         known.touches,
         space=known.space,
-        prior=prior_contacts(known.cloud_contacts),
-        sensor=known.sensor,
-        find_strays=None if known.keep_all else lambda c: judge(c).rows("stray"),
         slide=known.slide,
     )
 
@@ -244,9 +259,9 @@ def make_policy(
 
 
 def make_prober(
-    scenario: Scenario, recorded: Sequence[ProbeOutcome] = (), arm_use: ArmUse | None = None
+    scenario: Scenario, recorded: Sequence[Observation] = (), arm_use: ArmUse | None = None
 ) -> Prober:
-    """Return the configured prober of the true object, in the state after recorded outcomes.
+    """Return the configured prober of the true object, in the frame after recorded observations.
 
     Simulated touches add what they demand of an arm to `arm_use`.
     """
@@ -265,15 +280,20 @@ def make_prober(
             station=known.station,
             arm_use=arm_use,
         )
-        if recorded and recorded[-1].simulated_pose is not None:
-            prober.place_object(recorded[-1].simulated_pose)
-        if recorded and recorded[-1].tracked is not None:
-            prober.place_frame(recorded[-1].tracked.X_WE)
+        if config.free:
+            prober.place_object(truth.X_EO)
+        if recorded and recorded[-1].belief is not None:
+            prober.place_frame(recorded[-1].belief.X_WE)
         return prober
     from lis_grasp.probing.kinematic_prober import Fingers, KinematicProber
 
     fingers: Fingers = "all" if config.fingers == "all" else "one"
     return KinematicProber(known.hand, mesh, fingers=fingers, station=known.station)
+
+
+def true_pose(prober: Prober) -> FloatArray | None:
+    """Return the true pose X_EO (4, 4) of a simulated free object; None if fixed or unknown."""
+    return prober.X_EO if isinstance(prober, SimulatedProber) else None
 
 
 def make_tracker(scenario: Scenario, prober: Prober) -> PoseTracker | None:

@@ -14,13 +14,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidInputError, LisGraspError
 from lis_grasp.exploration import (
-    ExplorationSetup,
     ExplorationState,
+    Observation,
     Probe,
     ProbeOutcome,
     Region,
+    TactilePerception,
     TouchLog,
-    Workspace,
     advance,
     begin,
 )
@@ -31,10 +31,11 @@ from lis_grasp.io.units import LARGEST
 from lis_grasp.logs.detection import APPROACH_NOISE
 from lis_grasp.pipeline.contact_sources import ContactSource
 from lis_grasp.pipeline.file_stages import estimate_file, grasp_file
-from lis_grasp.pipeline.known import Known
-from lis_grasp.pipeline.next_touch import NextTouch, ObjectPlace, next_touch_after, touch_setup
+from lis_grasp.pipeline.known import Known, Perception
+from lis_grasp.pipeline.next_touch import NextTouch, ObjectPlace, endless, next_touch_after
 from lis_grasp.pipeline.results_folder import result_file
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.stages import make_perception
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
 
@@ -101,9 +102,9 @@ class TouchService:
     folder
         For contacts.ply, surface.ply and grasps.json.
     log
-        Of the outcomes; its facts are those of the files too.
-    before, outcomes
-        Contacts and outcomes of probes so far.
+        Of the probes; its facts are those of the files too.
+    before, recorded
+        Contacts, and observations by probes, so far.
     """
 
     config: RunConfig
@@ -112,14 +113,15 @@ class TouchService:
     folder: Path
     log: TouchLog
     before: Contacts = field(default_factory=Contacts.empty)
-    outcomes: InitVar[Sequence[ProbeOutcome]] = ()
+    recorded: InitVar[Sequence[Observation]] = ()
+    _perception: TactilePerception = field(init=False)
     _state: ExplorationState = field(init=False)
     _touch: NextTouch | None = field(default=None, init=False)  # not carried out yet
 
-    def __post_init__(self, outcomes: Sequence[ProbeOutcome]) -> None:
-        # The state does not depend on the place of the object.
-        setup = self._setup(Workspace(1.0, np.zeros(3), 1.0))[1]
-        self._state = begin(setup, outcomes)
+    def __post_init__(self, recorded: Sequence[Observation]) -> None:
+        settings = Perception.from_config(self.config, None)
+        self._perception = make_perception(settings, self.before)
+        self._state = begin(self._perception, recorded=recorded)
 
     def answer(self, content: Mapping[str, Any]) -> dict[str, Any]:
         """Return the answer to a request, as plain values.
@@ -142,23 +144,18 @@ class TouchService:
         surface = self._estimate()
         return surface if not isinstance(request, GraspRequest) else self._grasp(request)
 
-    def _setup(self, space: Workspace | Region) -> tuple[Known, ExplorationSetup]:
-        known = Known.for_hand(self.config, self.hand, space, 0.0)
-        return known, touch_setup(known, self.before)
-
     def _next(self, request: NextRequest) -> dict[str, Any]:
         reports = bool(request.model_fields_set - {"request", "id"})
         if reports:
             outcome = self._outcome(request)
             self._require_near(outcome)
-            self.log.append(outcome)
-            setup = self._setup(Workspace(1.0, np.zeros(3), 1.0))[1]
-            self._state, self._touch = advance(setup, self._state, outcome), None
+            self.log.append(Observation(outcome))
+            self._state, self._touch = advance(self._perception, self._state, outcome), None
         contacts = self._state.known
         try:
             if self._touch is None:
-                known, setup = self._setup(self.place.space(contacts))
-                self._touch = next_touch_after(known, setup, self._state)
+                known = Known.for_hand(self.config, self.hand, self.place.space(contacts), 0.0)
+                self._touch = next_touch_after(known, self._perception, endless(known), self._state)
         except LisGraspError as error:
             if not reports:
                 raise

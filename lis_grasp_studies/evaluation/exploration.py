@@ -15,10 +15,11 @@ from lis_grasp import Hand, pipeline
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_radius
 from lis_grasp.exploration import begin
-from lis_grasp.exploration.loop import end
+from lis_grasp.exploration.strategy import end
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.conditions import UNKNOWN
 from lis_grasp.pipeline.scenario import place_object
+from lis_grasp.pipeline.stages import make_perception, make_strategy
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.study.trial import Setup, find_object
@@ -58,10 +59,11 @@ def measure_exploration(trial: ExplorationTrial, policy: str) -> list[Row]:
     scenario = pipeline.Scenario.from_config(
         config, shape, Hand.load(HAND), recorded={"X_EO": None}
     )
-    outcomes, rows = pipeline.touch(scenario).outcomes, []
+    observations, rows = pipeline.touch(scenario).observations, []
+    perception, strategy = make_perception(scenario.known), make_strategy(scenario.known)
     for count in counts:
-        setup = replace(pipeline.stages.exploration_setup(scenario.known), touches=count)
-        part = end(setup, begin(setup, outcomes), "").result
+        part_of = replace(strategy, touches=count)
+        part = end(part_of, begin(perception, part_of, observations), "").result
         _, mesh = pipeline.estimate(scenario.known, part.contacts)
         error, ends = surface_error(mesh, shape, samples=2000), end_errors(mesh, shape.mesh)
         coverage = reachable_coverage(

@@ -15,7 +15,7 @@ from lis_grasp.pipeline import ContactSource, RunConfig, Scenario, estimate_file
 from lis_grasp.pipeline.next_touch import ObjectPlace
 from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.pipeline.run_scene import scene_of
-from lis_grasp.pipeline.stages import exploration_setup
+from lis_grasp.pipeline.stages import make_perception
 from lis_grasp.surfaces import estimate, judge_contacts
 
 BOX = trimesh.creation.box(extents=[0.06, 0.05, 0.04])
@@ -67,10 +67,10 @@ def test_contacts_are_judged_once_for_strays_and_estimate(
         "lis_grasp.pipeline.known.judge_contacts",
         lambda contacts, **noise: judged.append(contacts) or judge_contacts(contacts, **noise),
     )
-    setup, contacts = exploration_setup(known), Contacts.load(touches)
-    assert setup.find_strays is not None
-    assert STRAY in setup.find_strays(contacts)
-    setup.estimate(contacts)
+    perception, contacts = make_perception(known), Contacts.load(touches)
+    assert perception.find_strays is not None
+    assert STRAY in perception.find_strays(contacts)
+    perception.estimate(contacts)
     assert len(judged) == 1
     assert Contacts.empty().append(contacts) is contacts
 

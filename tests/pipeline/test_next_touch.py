@@ -33,7 +33,7 @@ def known(hand: Hand, space: Workspace | Region) -> pipeline.Known:
 def test_the_hand_is_at_the_start_of_the_probe(name: str, explored: Exploration) -> None:
     hand, contacts = Hand.load(name), explored.contacts
     space = ObjectPlace(held=True).space(contacts)
-    found = next_touch(known(hand, space), Contacts.empty(), explored.outcomes)
+    found = next_touch(known(hand, space), Contacts.empty(), explored.observations)
     posture, probe = found.approach.posture, found.probe
     X_OL = hand.forward_kinematics(found.approach.X_OH, posture.joint_positions)[posture.link]
     center = X_OL[:3, :3] @ posture.center_L + X_OL[:3, 3]
@@ -41,7 +41,7 @@ def test_the_hand_is_at_the_start_of_the_probe(name: str, explored: Exploration)
     nearest = np.linalg.norm(contacts.points - probe.target, axis=1).min()
     assert found.distance == pytest.approx(nearest)
     assert nearest > 0.5 * contacts.spacing
-    again = next_touch(known(hand, space), Contacts.empty(), explored.outcomes)
+    again = next_touch(known(hand, space), Contacts.empty(), explored.observations)
     assert again.facts(hand) == found.facts(hand)
 
 
@@ -50,9 +50,10 @@ def test_the_next_touch_is_that_of_the_exploration(policy: str) -> None:
     placed = {"pose": "stable", "region": (0.3, 0.3, 0.3), "policy": policy, "seed": 1}
     config = pipeline.RunConfig("box", prober="kinematic", estimator="gpis", touches=12, **placed)
     scenario = pipeline.Scenario.from_config(config)
-    outcomes, sought = pipeline.touch(scenario).outcomes, []
+    exploration, sought = pipeline.touch(scenario), []
+    outcomes = exploration.outcomes
     for made in range(len(outcomes)):
-        touch = next_touch(scenario.known, Contacts.empty(), outcomes[:made])
+        touch = next_touch(scenario.known, Contacts.empty(), exploration.observations[:made])
         following = outcomes[made + touch.blocked]
         assert all(o.status == "blocked" for o in outcomes[made : made + touch.blocked])
         for name in ("target", "direction", "start", "end"):
@@ -66,10 +67,11 @@ def test_the_next_touch_is_that_of_the_exploration(policy: str) -> None:
 
 def test_what_was_before_a_loss_does_not_count(explored: Exploration) -> None:
     contacts, hand = explored.contacts, Hand.load("allegro")
-    lost = replace(explored.outcomes[-1], tracked=replace(PoseBelief.start(), trust="lost"))
-    space, others = ObjectPlace(held=True).space(contacts), explored.outcomes[::-1]
+    lost = replace(PoseBelief.start(), trust="lost")
+    lost = replace(explored.observations[-1], belief=lost)
+    space, others = ObjectPlace(held=True).space(contacts), explored.observations[::-1]
     found = next_touch(known(hand, space), Contacts.empty(), [*others, lost])
-    again = next_touch(known(hand, space), contacts, [*explored.outcomes, lost])
+    again = next_touch(known(hand, space), contacts, [*explored.observations, lost])
     assert again.facts(hand) == found.facts(hand)
 
 
