@@ -17,9 +17,9 @@ from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_radius
 from lis_grasp.exploration import begin
 from lis_grasp.exploration.strategy import end
 from lis_grasp.io.json_lines import Row
-from lis_grasp.pipeline.conditions import UNKNOWN
-from lis_grasp.pipeline.scenario import place_object
-from lis_grasp.pipeline.stages import make_perception, make_strategy
+from lis_grasp.stages.scenario import place_object
+from lis_grasp.stages.touch import make_perception, make_strategy
+from lis_grasp.task.conditions import UNKNOWN
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.study.trial import Setup, find_object

@@ -11,9 +11,8 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Exploration, Observation, Probe, ProbeOutcome, begin
 from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.pipeline import RunConfig, Scenario
-from lis_grasp.pipeline.conditions import UNKNOWN
-from lis_grasp.pipeline.report_json import motion_facts, motion_line
-from lis_grasp.pipeline.stages import (
+from lis_grasp.results.report import motion_facts, motion_line
+from lis_grasp.stages.touch import (
     make_perception,
     make_prober,
     make_strategy,
@@ -21,6 +20,7 @@ from lis_grasp.pipeline.stages import (
     touch_steps,
     true_pose,
 )
+from lis_grasp.task.conditions import UNKNOWN
 
 BOX = shapes.build("box", 0.06)
 FIXED = Scenario.from_config(RunConfig(), BOX)

@@ -16,7 +16,6 @@ from lis_grasp.exploration import (
     Exploration,
     ExplorationState,
     LoggedProbe,
-    Prober,
     TouchLog,
     begin,
 )
@@ -28,25 +27,26 @@ from lis_grasp.io.atomic_writing import sole_writer
 from lis_grasp.io.surface_files import remove_growth, save_growth
 from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline.contact_sources import prior_contacts
-from lis_grasp.pipeline.known import Known
-from lis_grasp.pipeline.progress import SILENT, Progress, StageProgress
-from lis_grasp.pipeline.results_folder import LOG, remove_made_from, result_file, results_folder
-from lis_grasp.pipeline.run_config import LIFTING, RunConfig
-from lis_grasp.pipeline.scenario import Scenario
-from lis_grasp.pipeline.stages import (
+from lis_grasp.results.folder import LOG, remove_made_from, result_file, results_folder
+from lis_grasp.results.progress import SILENT, Progress, StageProgress
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_check import opening_range
+from lis_grasp.robots.shipped_models import HAND_REGISTRY, hand_path
+from lis_grasp.shapes import Shape
+from lis_grasp.stages.agent import Known
+from lis_grasp.stages.contact_sources import prior_contacts
+from lis_grasp.stages.scenario import Scenario
+from lis_grasp.stages.touch import (
     make_perception,
     make_prober,
     make_strategy,
     touch_steps,
     true_pose,
 )
-from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_check import opening_range
-from lis_grasp.robots.shipped_models import HAND_REGISTRY, hand_path
-from lis_grasp.shapes import Shape
 from lis_grasp.surfaces.carved_implicit_surface import above_table
 from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES
+from lis_grasp.task.run_config import LIFTING, RunConfig
+from lis_grasp.typing import FloatArray
 
 # Intermediate estimates that are kept, and the cells along the bounds of their meshes.
 _STEPS, _CELLS = 7, 26
@@ -98,8 +98,8 @@ def explore_into(
             prober = make_prober(now, observations, arm_use)
             log.begin()  # a page shows the object before the first touch
             steps = touch_steps(scenario, prober, observations)
-            state = _watched(steps, prober, log, known, header, stage)
-            X_EO = true_pose(prober)
+            with_truth = ((state, true_pose(prober)) for state in steps)
+            state, X_EO = _watched(with_truth, log, known, header, stage)
             log.end(state.ended)
         exploration = state.result
         stage.result = exploration.summary()
@@ -179,15 +179,17 @@ def growth_counts(contacts: int) -> list[int]:
 
 
 def _watched(
-    steps: Iterator[ExplorationState],
-    prober: Prober,
+    steps: Iterator[tuple[ExplorationState, FloatArray | None]],
     log: TouchLog,
     known: Known,
     header: str,
     stage: StageProgress,
-) -> ExplorationState:
-    """Write the log and some intermediate estimates, report the progress, and return the end."""
-    state = next(steps)  # after the recorded probes, the last of which may lack its estimate
+) -> tuple[ExplorationState, FloatArray | None]:
+    """Write the log and some intermediate estimates, report the progress, and return the end.
+
+    Each step is a state, and beside it the true pose of a free object.
+    """
+    state, X_EO = next(steps)  # after the recorded probes, the last of which may lack its estimate
     kept = Exploration.replay(state.observations[:-1], touches=known.touches).made
     counts = growth_counts(known.touches)
     while not state.ended:
@@ -204,15 +206,15 @@ def _watched(
                     mesh = extract_mesh(above_table(state.surface, known.table), resolution=cell)
                     save_growth(log.path.parent, len(state.contacts), mesh, header)
             kept = made
-        state = next(steps)
+        state, X_EO = next(steps)
         if not state.ended:
-            log.append(state.observations[-1], true_pose(prober))
-    return state
+            log.append(state.observations[-1], X_EO)
+    return state, X_EO
 
 
 # An exploration runs this module and those that it imports. The values of a configuration are
 # facts of their own.
-_RUNS, _CONFIGURATION = "lis_grasp.pipeline.stages", "lis_grasp.pipeline.run_config"
+_RUNS, _CONFIGURATION = "lis_grasp.stages.touch", "lis_grasp.task.run_config"
 
 
 def _recorded_probes(
