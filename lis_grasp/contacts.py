@@ -14,7 +14,7 @@ from lis_grasp.exceptions import InvalidContactsError
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.io.contact_files import read_contact_file, write_contact_file
 from lis_grasp.io.units import in_metres, require_plausible_size
-from lis_grasp.records import Answering, Record, fields_of, read_only
+from lis_grasp.records import Record, fields_of, read_only
 from lis_grasp.typing import FloatArray
 
 FARTHEST = 1e7
@@ -30,7 +30,7 @@ _ROUNDING = 4.0 * np.finfo(np.float64).eps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Contacts(Record, metaclass=Answering):
+class Contacts(Record):
     """Oriented contact points of an object, in its frame O.
 
     Parameters

@@ -20,7 +20,6 @@ from lis_grasp.pipeline.known import Perception
 from lis_grasp.pipeline.results_folder import located, read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import estimate
-from lis_grasp.records import Answering
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, find, placed_as_recorded
 from lis_grasp.surfaces import ImplicitSurface
@@ -35,7 +34,7 @@ class _Report(FileRecord):
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
-class Run(metaclass=Answering):
+class Run:
     """Results in a folder: everything is in the frame of its contacts, the true object too.
 
     What the folder lacks is None.

@@ -29,7 +29,6 @@ from lis_grasp.pipeline.option import (
     options_of,
     place,
 )
-from lis_grasp.records import Answering
 from lis_grasp.robots.shipped_models import arm_path, hand_path
 from lis_grasp.shapes import NAMES, UNITS, default_mass
 from lis_grasp.shapes.loading import UP_AXES
@@ -95,7 +94,7 @@ def _find_model(find: Callable[[str], object]) -> Callable[[str], object]:
 
 @documented
 @dataclass(frozen=True, slots=True)
-class RunConfig(metaclass=Answering):
+class RunConfig:
     """Configuration of a run.
 
     The defaults are those of the command line with `--known`; `lis_grasp.pipeline.conditions` has

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.records import Answering, short_repr
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces._gaussian_process_regression import squared_distances
 from lis_grasp.surfaces.contact_places import agreement, log_errors, smoothstep
 from lis_grasp.surfaces.contact_preparation import prepare_contacts
@@ -38,7 +38,7 @@ _NEAR, _FAR = 0.5, 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BlendedImplicitSurface(metaclass=Answering):
+class BlendedImplicitSurface:
     """Blend of a patch surface and a Gaussian process, by their prediction errors.
 
     f = smooth + w v (sharp - smooth)

@@ -155,8 +155,7 @@ def estimate(
     make = find_estimator(estimator) if isinstance(estimator, str) else estimator
     for name in sorted(options.keys() - _accepted(make, options).keys()):
         accepted = {*inspect.signature(make).parameters, *inspect.signature(estimate).parameters}
-        guess = {"method": "estimator", "noise": "position_noise"}.get(name, name)
-        nearest = nearest_or_all(guess, accepted - {"contacts", "options"})
+        nearest = nearest_or_all(name, accepted - {"contacts", "options"})
         raise TypeError(f"estimate with {estimator} has no option '{name}'{nearest}")
     if contacts.extent > LARGEST:
         note(f"contacts are in metres, and these are {contacts.extent:.3g} m apart: check the unit")

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.records import Answering, short_repr
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces._gaussian_process_regression import ROWS, GradientRegression
 from lis_grasp.surfaces._kernels import (
     Matern52,
@@ -59,7 +59,7 @@ _LEAST_AXIS = 0.15
 
 
 @dataclass(frozen=True, eq=False)
-class GaussianProcessImplicitSurface(metaclass=Answering):
+class GaussianProcessImplicitSurface:
     """The posterior mean of a GP conditioned on value 0 and the normal as gradient at contacts.
 
     f(x) = mean + k_*^T (K + noise)^-1 (targets - mean)                                   (eq. 3)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.records import Answering, short_repr
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces.contact_places import agreement, log_errors
 from lis_grasp.surfaces.contact_preparation import PreparedContacts, prepare_contacts
 from lis_grasp.surfaces.gaussian_process_implicit_surface import (
@@ -43,7 +43,7 @@ _DOUBT = 0.35
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothImplicitSurface(metaclass=Answering):
+class SmoothImplicitSurface:
     """A Gaussian process for shapes without edges, smoother than `gpis`.
 
     f = bound + v (free - bound)

@@ -15,7 +15,6 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.motion import Motion
-from lis_grasp.records import Answering
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization._arm_layer import arm_points, draw_pedestal, standing_points
 from lis_grasp.visualization._drawing import Canvas
@@ -58,7 +57,7 @@ _LEAST_SIZE = 0.01  # [m] of a scene with a single contact
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Scene(metaclass=Answering):
+class Scene:
     """Content of a scene page, shown on a time line that can be played; a notebook displays it.
 
     The fragment of the page's address sets the view, such as ``#t=2.5&play=1``: the time [s],
