@@ -19,7 +19,7 @@ _PLACES = {
     "arms.arm_check": "lis_grasp.arms.check",
     "arms.arm_ik": "lis_grasp.robots.pose_ik",
     "arms.arm_kinematics": "lis_grasp.robots.kinematics",
-    "arms.arm_mount": "lis_grasp.arms.station",
+    "arms.arm_mount": "lis_grasp.arms.mounted_hand",
     "arms.grasp_motion": "lis_grasp.arms.transit",
     "arms.base_search": "lis_grasp.arms.placement",
     "arms.joint_trajectory": "lis_grasp.arms.trajectory",

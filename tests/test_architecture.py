@@ -68,19 +68,24 @@ def _nodes(path: Path) -> tuple[ast.AST, ...]:
 
 @cache
 def _imports(path: Path) -> list[str]:
-    """Return every module that a file imports while it runs, inside functions too."""
+    """Return every module that a file imports, inside functions and for types too.
+
+    An `__init__.py` is a face: what it imports for types alone, it loads when a name is used.
+    """
     nodes = _nodes(path)
-    annotations = {
+    left_out = {
         child
         for node in nodes
-        if isinstance(node, ast.If) and ast.dump(node.test) == _TYPE_CHECKING
+        if path.name == "__init__.py"
+        and isinstance(node, ast.If)
+        and ast.dump(node.test) == _TYPE_CHECKING
         for child in ast.walk(node)
     }
     names = []
     for node in nodes:
-        if isinstance(node, ast.Import) and node not in annotations:
+        if isinstance(node, ast.Import) and node not in left_out:
             names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node not in annotations:
+        elif isinstance(node, ast.ImportFrom) and node not in left_out:
             assert node.level == 0, f"{path}: relative imports hide the direction of the flow"
             names += [f"{node.module}.{alias.name}" for alias in node.names]
     return names

@@ -29,7 +29,7 @@ from lis_grasp.pipeline._stage_files import (
 from lis_grasp.pipeline.contact_sources import ContactSource, join_sources, read_source
 from lis_grasp.pipeline.exploring import say_repairs, say_width
 from lis_grasp.pipeline.known import Known, Perception, station_facts
-from lis_grasp.pipeline.lifting_stage import lift_each, process_count, require_simulator
+from lis_grasp.pipeline.lifting_stage import lift_each, require_simulator
 from lis_grasp.pipeline.next_touch import NO_TABLE, ObjectPlace
 from lis_grasp.pipeline.option import HEIGHT, at_least, checked_value
 from lis_grasp.pipeline.progress import SILENT, Progress
@@ -41,6 +41,7 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import load
 from lis_grasp.surfaces.contact_loading import DOUBTFUL, fraction_in_front
 from lis_grasp.typing import FloatArray
+from lis_grasp.worker_pool import process_count
 
 # Fields that distinguish contacts.
 _COMPARED = ("points", "normals", *NOISE)

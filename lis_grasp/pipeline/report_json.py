@@ -10,12 +10,13 @@ import numpy as np
 import trimesh
 
 from lis_grasp.arms.station import Station
+from lis_grasp.arms.use import ArmUse
 from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_coverage, touch_radius
 from lis_grasp.exploration import STEP_FRACTION, Exploration, Region
 from lis_grasp.geometry import apply_pose, inverse_pose
-from lis_grasp.lifting.outcome import ArmUse, LiftOutcome
+from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.pipeline.known import station_facts
 from lis_grasp.pipeline.regrasp import Attempt
 from lis_grasp.pipeline.scenario import Scenario

@@ -12,6 +12,7 @@ from functools import lru_cache, partial
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.use import ArmUse
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, TooManyBadContactsError
 from lis_grasp.exploration import (
@@ -38,7 +39,6 @@ from lis_grasp.exploration import (
 from lis_grasp.exploration.policy import POLICY_NAMES, PolicyKind, find_policy
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
-from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.contact_sources import prior_contacts
 from lis_grasp.pipeline.known import Known, Perception, require_record

@@ -7,8 +7,8 @@ from math import degrees
 from types import MappingProxyType
 from typing import Any
 
+from lis_grasp.arms.use import violations
 from lis_grasp.exceptions import counted
-from lis_grasp.lifting.outcome import violations
 from lis_grasp.pipeline.report_json import motion_line
 
 # Below this intersection over union the estimate is named as poor.

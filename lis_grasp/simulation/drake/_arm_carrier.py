@@ -10,9 +10,9 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 
 from lis_grasp.arms.trajectory import JointTrajectory
+from lis_grasp.arms.use import ArmShake, ArmStoppedError, ArmUse
 from lis_grasp.geometry import cross
-from lis_grasp.lifting.outcome import ArmShake, ArmUse
-from lis_grasp.lifting.scene import ArmStoppedError, Carrier, CarrierMotion
+from lis_grasp.lifting.scene import Carrier, CarrierMotion
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import (
     PalmPath,

@@ -8,8 +8,8 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 
 from lis_grasp.arms.station import Station
+from lis_grasp.arms.use import ArmUse
 from lis_grasp.contacts import Contacts
-from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.object_mass import GRAVITY, USUAL_FRICTION
 from lis_grasp.shapes.solids import merge_flat_faces

@@ -11,14 +11,13 @@ import trimesh
 
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory
+from lis_grasp.arms.use import ArmStoppedError, ArmUse
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_positive
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import GENTLE_SPEED, PROBE_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
-from lis_grasp.lifting.outcome import ArmUse
-from lis_grasp.lifting.scene import ArmStoppedError
 from lis_grasp.probing.course import Course, Leg, path_back, path_out
 from lis_grasp.probing.guarded_motion import SLIDE_STEP, GuardedMotion
 from lis_grasp.records import read_only
