@@ -11,7 +11,10 @@ from types import MappingProxyType, ModuleType
 from typing import Any
 
 # Modules of 2.0, and names of its packages, with their places now. They resolve until 4.0.
-MOVED: dict[str, str] = {}
+MOVED = {
+    "lis_grasp.logs.detection": "lis_grasp.exploration.touch_detection",
+    "lis_grasp.robots.joint_frames": "lis_grasp.logs.joint_frames",
+}
 
 # Names of 1.x, without the name of the package, and where they are now.
 _PLACES = {

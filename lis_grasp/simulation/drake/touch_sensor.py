@@ -19,9 +19,9 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration.probe_motions import TRANSIT_SPEED
 from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.tactile_sensor import TactileSensor
+from lis_grasp.exploration.touch_detection import TouchDetection
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
-from lis_grasp.logs.detection import TouchDetection
 from lis_grasp.probing.course import FREE_POINT_SPACING
 from lis_grasp.robots.link_bodies import balls_inside
 from lis_grasp.simulation.drake._touch_record import TouchRecord
