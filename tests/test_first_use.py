@@ -91,12 +91,12 @@ def test_two_contacts_of_one_touch_are_read(tmp_path: Path) -> None:
 
 
 def test_an_estimate_is_that_of_the_pipeline() -> None:
-    surface = lis_grasp.estimate(CONTACTS, "gpis", table=-0.03)
+    surface = lis_grasp.estimate(CONTACTS, "gpis", support_height=-0.03)
+    of_2_0 = lis_grasp.estimate(CONTACTS, "gpis", table=-0.03)
     known = pipeline.Perception(estimator="gpis", table=-0.03)
     points = 0.01 * np.arange(12.0).reshape(4, 3)
-    np.testing.assert_array_equal(
-        surface.evaluate(points), pipeline.estimate(known, CONTACTS)[0].evaluate(points)
-    )
+    for other in (of_2_0, pipeline.estimate(known, CONTACTS)[0]):
+        np.testing.assert_array_equal(surface.evaluate(points), other.evaluate(points))
     with pytest.raises(InvalidOptionError, match="'blend'"):
         lis_grasp.estimate(CONTACTS, "blendd")
     with pytest.raises(TypeError, match="Contacts"):

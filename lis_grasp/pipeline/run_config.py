@@ -389,17 +389,6 @@ class RunConfig:
         return {n: list(v) if isinstance(v, tuple) else v for n, v in asdict(self).items()}
 
 
-# What other libraries and the command line call options.
-_GUESSES = {
-    **dict.fromkeys(("directory", "output", "save_dir"), "folder"),
-    **dict.fromkeys(("count", "n", "num"), "grasps"),
-    "mu": "friction",
-    "noise": "position_noise",
-    "rng": "seed",
-    "table": "support_height",
-}
-
-
 def require_used(stage: Callable[..., Any], given: Iterable[str], used: Sequence[str]) -> None:
     """Raise `TypeError` for the first given option that a function does not use.
 
@@ -412,6 +401,5 @@ def require_used(stage: Callable[..., Any], given: Iterable[str], used: Sequence
         if name in options_of(RunConfig):
             listed = ", ".join(accepted)
             raise TypeError(f"{stage.__name__} does not use the option '{name}', but {listed}")
-        meant = _GUESSES.get(name)
-        nearest = nearest_or_all(meant if meant in accepted else name, accepted)
+        nearest = nearest_or_all(name, accepted)
         raise TypeError(f"{stage.__name__} has no option '{name}'{nearest}")

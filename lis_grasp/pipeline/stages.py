@@ -101,7 +101,7 @@ def estimate(known: Perception, contacts: Contacts) -> tuple[ImplicitSurface, tr
         make_estimator(known.estimator, known.sensor),
         free_space=known.free_space,
         margin=known.sensor.free_margin,
-        table=known.table,
+        support_height=known.table,
     )
     return surface, extract_mesh(surface, touched=contacts.points)
 

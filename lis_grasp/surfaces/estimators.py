@@ -107,7 +107,7 @@ def estimate(
     *,
     free_space: bool = True,
     margin: float = 0.0,
-    table: float | None = None,
+    support_height: float | None = None,
     keep_all: bool = False,
     **options: Any,
 ) -> ImplicitSurface:
@@ -124,7 +124,7 @@ def estimate(
         Whether the contacts' free space is removed from the estimate.
     margin
         Distance by which the balls of free space are smaller [m], for noise of the sensor.
-    table
+    support_height
         Height of the table on which the object stands [m]; None for none. It closes the estimate
         from below, and walls that were touched near it go on down to it.
     keep_all
@@ -153,6 +153,7 @@ def estimate(
             f"write Contacts(points, normals) or load_contacts(path), not {type(contacts).__name__}"
         )
     make = find_estimator(estimator) if isinstance(estimator, str) else estimator
+    support_height = options.pop("table", support_height)  # the name of 2.0, until 4.0
     for name in sorted(options.keys() - _accepted(make, options).keys()):
         accepted = {*inspect.signature(make).parameters, *inspect.signature(estimate).parameters}
         nearest = nearest_or_all(name, accepted - {"contacts", "options"})
@@ -162,11 +163,13 @@ def estimate(
     if doubt := few_contacts(contacts):
         note(doubt)
     contacts = replace(contacts, judged=True) if keep_all else contacts
-    known = contacts if table is None else standing_on(judge_contacts(contacts).credible, table)
+    known = contacts
+    if support_height is not None:
+        known = standing_on(judge_contacts(contacts).credible, support_height)
     surface = make(known, **options)
     if free_space:
         surface = carved(surface, contacts, margin=margin)
-    return above_table(surface, table)
+    return above_table(surface, support_height)
 
 
 def few_contacts(contacts: Contacts) -> str:

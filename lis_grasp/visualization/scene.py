@@ -245,13 +245,13 @@ class Scene:
 
     def _draw_table(self, canvas: Canvas, object_points: FloatArray, drawn: FloatArray) -> float:
         """Draw the table below everything, points (N, 3) [m]; return its grid's spacing [m]."""
-        support = self.support_height
-        if support is None:
-            support = float(object_points[:, 2].min())
+        support_height = self.support_height
+        if support_height is None:
+            support_height = float(object_points[:, 2].min())
         outline = outermost(drawn)
         if self.region is not None:
             outline = np.vstack([outline, self.region.bounds])
-        return draw_table(canvas, object_points, outline, support)
+        return draw_table(canvas, object_points, outline, support_height)
 
     def _draw_hand(self, canvas: Canvas, object_points: FloatArray) -> _ShownHand:
         """Draw the hand and its arm, at grasps and in the lift."""

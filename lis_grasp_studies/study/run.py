@@ -78,7 +78,7 @@ def estimate(trial: Trial, estimator: str, contacts: Contacts) -> trimesh.Trimes
         find_estimator(estimator, registry=COMPARED),
         free_space=config.free,
         margin=known.sensor.free_margin,
-        table=known.table if config.free else None,
+        support_height=known.table if config.free else None,
         **parse_noise(trial.noise).options(),
     )
     return extract_mesh(surface, touched=contacts.points)
