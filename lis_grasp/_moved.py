@@ -13,6 +13,28 @@ from typing import Any
 # Modules of 2.0, and names of its packages, with their places now. They resolve until 4.0.
 MOVED = {
     "lis_grasp.logs.detection": "lis_grasp.exploration.touch_detection",
+    "lis_grasp.pipeline.conditions": "lis_grasp.task.conditions",
+    "lis_grasp.pipeline.contact_sources": "lis_grasp.stages.contact_sources",
+    "lis_grasp.pipeline.dexgraspbench": "lis_grasp.exports.dexgraspbench",
+    "lis_grasp.pipeline.exploring": "lis_grasp.results.exploring",
+    "lis_grasp.pipeline.file_stages": "lis_grasp.results.file_stages",
+    "lis_grasp.pipeline.known": "lis_grasp.stages.agent",
+    "lis_grasp.pipeline.labels": "lis_grasp.results.labels",
+    "lis_grasp.pipeline.lifting_stage": "lis_grasp.stages.lift",
+    "lis_grasp.pipeline.next_touch": "lis_grasp.stages.next_touch",
+    "lis_grasp.pipeline.object_models": "lis_grasp.exports.object_models",
+    "lis_grasp.pipeline.option": "lis_grasp.io.option",
+    "lis_grasp.pipeline.progress": "lis_grasp.results.progress",
+    "lis_grasp.pipeline.regrasp": "lis_grasp.stages.regrasp",
+    "lis_grasp.pipeline.report_json": "lis_grasp.results.report",
+    "lis_grasp.pipeline.results": "lis_grasp.results.run_results",
+    "lis_grasp.pipeline.results_folder": "lis_grasp.results.folder",
+    "lis_grasp.pipeline.run_config": "lis_grasp.task.run_config",
+    "lis_grasp.pipeline.run_scene": "lis_grasp.results.page",
+    "lis_grasp.pipeline.scenario": "lis_grasp.stages.scenario",
+    "lis_grasp.pipeline.stages": "lis_grasp.stages.touch",
+    "lis_grasp.pipeline.summary": "lis_grasp.results.summary",
+    "lis_grasp.pipeline.touch_service": "lis_grasp.service.touch_service",
     "lis_grasp.robots.joint_frames": "lis_grasp.logs.joint_frames",
 }
 
@@ -49,21 +71,21 @@ _PLACES = {
     ),
     "lifting.lift_outcome": "lis_grasp.lifting.outcome",
     "mujoco_simulation": "lis_grasp.simulation.mujoco, in which simulate_in_mujoco is lift",
-    "pipeline.Stopwatch": "lis_grasp.pipeline.stages.Stopwatch",
-    "pipeline.join_sources": "lis_grasp.pipeline.contact_sources.join_sources",
-    "pipeline.load_source": "lis_grasp.pipeline.contact_sources.load_source",
-    "pipeline.make_estimator": "lis_grasp.pipeline.stages.make_estimator",
-    "pipeline.make_policy": "lis_grasp.pipeline.stages.make_policy",
-    "pipeline.require_simulator": "lis_grasp.pipeline.lifting_stage.require_simulator",
-    "pipeline.workspace": "lis_grasp.pipeline.scenario.workspace",
+    "pipeline.Stopwatch": "lis_grasp.stages.touch.Stopwatch",
+    "pipeline.join_sources": "lis_grasp.stages.contact_sources.join_sources",
+    "pipeline.load_source": "lis_grasp.stages.contact_sources.load_source",
+    "pipeline.make_estimator": "lis_grasp.stages.touch.make_estimator",
+    "pipeline.make_policy": "lis_grasp.stages.touch.make_policy",
+    "pipeline.require_simulator": "lis_grasp.stages.lift.require_simulator",
+    "pipeline.workspace": "lis_grasp.stages.scenario.workspace",
     "pipeline.make_station": "Scenario.known.station of lis_grasp.pipeline",
     "pipeline.support_height": "Scenario.known.support of lis_grasp.pipeline",
-    "pipeline.object_setup": "lis_grasp.pipeline.scenario",
+    "pipeline.object_setup": "lis_grasp.stages.scenario",
     "pipeline.plugged_in": "lis_grasp.surfaces.estimators and lis_grasp.exploration.policy",
     "pipeline.pose_of": "Scenario.truth.X_WO of lis_grasp.pipeline",
     "pipeline.prior_knowledge": "Scenario.known.space of lis_grasp.pipeline",
     "pipeline.table_of": "Scenario.known.table of lis_grasp.pipeline",
-    "pipeline.touching": "lis_grasp.pipeline.stages",
+    "pipeline.touching": "lis_grasp.stages.touch",
     "shapes.convex_parts": "lis_grasp.shapes.solids",
     "simulation.dynamic_prober": "lis_grasp.simulation.drake.dynamic_prober",
     "simulation.probing_scene": "lis_grasp.simulation.drake.object_plant",
@@ -71,7 +93,7 @@ _PLACES = {
     "surfaces.contact_thinning": "lis_grasp.surfaces.contact_preparation",
     "surfaces.gaussian_process": "lis_grasp.surfaces.gaussian_process_implicit_surface",
     "surfaces.noise_estimation": "lis_grasp.surfaces.contact_preparation",
-    "visualization.run_scene": "lis_grasp.pipeline.run_scene",
+    "visualization.run_scene": "lis_grasp.results.page",
 }
 
 
@@ -86,8 +108,8 @@ def module_names(
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return `__getattr__` and `__dir__` of a package, whose old names resolve.
 
-    `homes` are its modules, each with the names that are loaded from it on first use. A name of
-    1.x raises `AttributeError` with its new place.
+    `homes` are modules of `lis_grasp`, each with the names that are loaded from it on first use.
+    A name of 1.x raises `AttributeError` with its new place.
     """
 
     def get(name: str) -> Any:
@@ -96,7 +118,7 @@ def module_names(
             return resolve_name(MOVED[full])
         for home in homes:
             if name in (home, *homes[home].split()):
-                loaded = import_module(f"{module}.{home}")
+                loaded = import_module(f"lis_grasp.{home}")
                 return loaded if name == home else getattr(loaded, name)
         sentence = new_place(full) or f"module '{module}' has no attribute '{name}'"
         raise AttributeError(sentence, name=name, obj=sys.modules[module])

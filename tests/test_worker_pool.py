@@ -13,6 +13,7 @@ import pytest
 
 PROGRAM = """
 import os, time
+from lis_grasp.stages.lift import worker_pool
 from lis_grasp.worker_pool import worker_pool
 
 if __name__ == "__main__":
@@ -53,6 +54,7 @@ def _is_running(pid: int) -> bool:
 SLEEP = """
 import signal, time
 from concurrent.futures import wait
+from lis_grasp.stages.lift import worker_pool
 from lis_grasp.worker_pool import worker_pool
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored if the tests' parent does
