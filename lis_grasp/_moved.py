@@ -70,7 +70,7 @@ _PLACES = {
         " lis_grasp.Hand, and the names are lis_grasp.robots.shipped_models.HAND_NAMES"
     ),
     "lifting.lift_outcome": "lis_grasp.lifting.outcome",
-    "mujoco_simulation": "lis_grasp.simulation.mujoco, in which simulate_in_mujoco is lift",
+    "mujoco_simulation": "lis_grasp.simulation.mujoco.lift",
     "pipeline.Stopwatch": "lis_grasp.stages.touch.Stopwatch",
     "pipeline.join_sources": "lis_grasp.stages.contact_sources.join_sources",
     "pipeline.load_source": "lis_grasp.stages.contact_sources.load_source",

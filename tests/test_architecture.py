@@ -54,6 +54,9 @@ LAYERS = [
 ]
 # What decides for the robot: it may know the true object by contacts only.
 _ROBOT = ("exploration", "surfaces", "meshing", "grasping")
+_OF_VERBS = ("add_arguments", "execute")
+# A stage has one name in Python and one for its files.
+_STAGES = {"Estimate", "estimate", "explore", "lift", "plan", "run"}
 _TYPE_CHECKING = ast.dump(ast.Name("TYPE_CHECKING", ast.Load()))
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 
@@ -126,6 +129,18 @@ def test_imports_follow_the_flow_without_circles() -> None:
     assert not upward
     circles = [group for group in nx.strongly_connected_components(graph) if len(group) > 1]
     assert not circles
+
+
+def test_a_public_name_has_one_meaning() -> None:
+    """Top-level functions and classes; verbs of the command line have two functions each."""
+    homes: dict[str, set[str]] = {}
+    for path in _modules():
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+                homes.setdefault(node.name, set()).add(_module_name(path))
+    several = {name: places for name, places in homes.items() if len(places) > 1}
+    assert all(p.startswith("lis_grasp.cli.") for name in _OF_VERBS for p in several.pop(name))
+    assert not several.keys() - _STAGES, several
 
 
 @pytest.mark.parametrize(

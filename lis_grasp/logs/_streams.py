@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from lis_grasp.exceptions import InvalidFileError, InvalidInputError, note
 from lis_grasp.geometry import inverse_pose, make_pose, unit
-from lis_grasp.io.csv_tables import SECONDS, numbers, read_table, without_unit
+from lis_grasp.io.csv_tables import SECONDS, column_numbers, read_table, without_unit
 from lis_grasp.io.units import UNITS
 from lis_grasp.typing import FloatArray
 
@@ -241,7 +241,7 @@ class CsvLog:
         for k, title in enumerate(titles):
             parts = re.split(r"[./]", title)
             for name in set(parts) & set(names) if not _OTHERS & set(parts) else ():
-                found[name] = (self._columns["time"], numbers(self._path, rows, k, title))
+                found[name] = (self._columns["time"], column_numbers(self._path, rows, k, title))
         return found
 
     def _table(self, names: tuple[str, ...]) -> FloatArray:
@@ -264,7 +264,7 @@ def _known_columns(path: Path) -> dict[str, FloatArray]:
         if name in columns:
             message = f"{path} has two columns for {name}; the second is {full}: keep one"
             raise InvalidFileError(message, path=path)
-        columns[name] = numbers(path, rows, k, full) * {**UNITS, **SECONDS}.get(unit, 1.0)
+        columns[name] = column_numbers(path, rows, k, full) * {**UNITS, **SECONDS}.get(unit, 1.0)
     return columns
 
 

@@ -84,7 +84,7 @@ def primitive(
     return LinkGeometry(link, X_LG, kind, sizes, mesh)
 
 
-def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
+def load_link_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
     """Read the mesh of a link's body, and scale it by one factor or by one for each axis."""
     factors = None if scale is None else np.atleast_1d(np.asarray(scale, np.float64))
     if factors is not None and (
@@ -169,7 +169,7 @@ def load_visual(visual: LinkVisual) -> trimesh.Trimesh | None:
     if isinstance(visual.shape, trimesh.Trimesh):
         return visual.shape
     try:
-        return load_mesh(visual.shape, visual.scale)
+        return load_link_mesh(visual.shape, visual.scale)
     except LisGraspError:
         return None
 

@@ -69,9 +69,9 @@ def lift(
         truth.X_EO,
     )
     if known.station is None and scenario.config.simulator == "mujoco":
-        from lis_grasp.simulation.mujoco import lift as in_mujoco
+        from lis_grasp.simulation.mujoco.lift import simulate_in_mujoco
 
-        return in_mujoco.simulate_lift(setup, accept_grasp)
+        return simulate_in_mujoco(setup, accept_grasp)
     from lis_grasp.simulation.drake.lift import simulate_lift
 
     if known.station is not None:

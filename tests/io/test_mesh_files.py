@@ -13,7 +13,7 @@ import trimesh
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.limits import MOST_ELEMENTS
 from lis_grasp.io.mesh_files import read_mesh
-from lis_grasp.robots.link_bodies import load_mesh
+from lis_grasp.robots.link_bodies import load_link_mesh
 from lis_grasp.shapes import FORMATS, load
 
 
@@ -33,7 +33,7 @@ def _gltf(**changes: Any) -> dict[str, Any]:
 
 def _refused(path: Path, content: bytes, reason: str) -> None:
     path.write_bytes(content)
-    for read in (lambda: load_mesh(path, None), lambda: read_mesh(path, FORMATS)):
+    for read in (lambda: load_link_mesh(path, None), lambda: read_mesh(path, FORMATS)):
         with pytest.raises(InvalidFileError, match=reason):
             read()
 
@@ -100,11 +100,11 @@ def test_a_damaged_dae_of_a_hand_is_one_sentence(tmp_path: Path, content: bytes)
     path = tmp_path / "a.dae"
     path.write_bytes(content)
     with pytest.raises(InvalidFileError, match="a.dae"):
-        load_mesh(path, None)
+        load_link_mesh(path, None)
 
 
 @pytest.mark.parametrize("ending", ["step", "zae", "vtk", "json"])
-@pytest.mark.parametrize("read", [lambda path: load_mesh(path, None), load])
+@pytest.mark.parametrize("read", [lambda path: load_link_mesh(path, None), load])
 def test_other_formats_are_refused_by_their_names(
     tmp_path: Path, ending: str, read: Callable[[Path], object]
 ) -> None:
@@ -126,4 +126,4 @@ def test_bodies_of_hands_are_read_in_each_format(tmp_path: Path, ending: str) ->
         box.export(path)
     # glTF has y upwards, and z points backwards.
     upright = (0.01, 0.03, 0.02) if ending.startswith("gl") else (0.01, 0.02, 0.03)
-    np.testing.assert_allclose(load_mesh(path, None).extents, upright, atol=1e-9)
+    np.testing.assert_allclose(load_link_mesh(path, None).extents, upright, atol=1e-9)

@@ -25,7 +25,7 @@ from lis_grasp.robots.draft._pads import fit_pads
 from lis_grasp.robots.draft._pregrasps import MOST_TURNED, Opening, find_palm_frame, find_pregrasps
 from lis_grasp.robots.draft._probe_postures import find_probe_postures
 from lis_grasp.robots.draft._structure import (
-    Finger,
+    DraftFinger,
     find_exclusions,
     find_fingers,
     find_hand_bases,
@@ -128,7 +128,7 @@ class _Described:
         self.model = self._built(self.edits)
 
     @cached_property
-    def fingers(self) -> tuple[Finger, ...]:
+    def fingers(self) -> tuple[DraftFinger, ...]:
         return find_fingers(self.model, self._tips)
 
     def leave_out_robot(self, base_link: str | None) -> None:
@@ -230,7 +230,7 @@ class _Described:
 
 
 def _with_openings(
-    model: RobotModel, name: str, fingers: Sequence[Finger], rng: np.random.Generator
+    model: RobotModel, name: str, fingers: Sequence[DraftFinger], rng: np.random.Generator
 ) -> tuple[Hand, list[Opening]]:
     """Return a hand with pads, and its openings, the widest first.
 

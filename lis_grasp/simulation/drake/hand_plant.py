@@ -168,7 +168,7 @@ def require_in_plant(system: str, hand: object) -> None:
         )
 
 
-def add_hand(
+def add_hand_model(
     plant: MultibodyPlant,
     hand: Hand,
     *,

@@ -70,13 +70,13 @@ class FreeObject:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectInPlant:
-    """An object that `add_object` has added to a plant."""
+    """An object that `add_object_body` has added to a plant."""
 
     body: RigidBody
     geometry: GeometryId
 
 
-def add_object(
+def add_object_body(
     plant: MultibodyPlant,
     mesh: trimesh.Trimesh,
     *,
