@@ -11,6 +11,7 @@ import trimesh
 from lis_grasp.arms.collision import StationChecker
 from lis_grasp.arms.mounted_hand import MountedHand
 from lis_grasp.geometry import rotate
+from lis_grasp.grasping.grasps import LIFT, STANDOFF
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.pose_ik import ArmSolutions
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
@@ -22,8 +23,6 @@ JUMP = 0.35
 
 SEEDS, KEPT = 4, 2
 """Seeds of the inverse kinematics of a pose, and its solutions that are tried."""
-APPROACH, LIFT = 0.12, 0.1
-"""Lengths of the straight approach to a grasp, and of the straight lift [m]."""
 
 _SAME = 0.1  # solutions with joints this near are one [rad or m]
 _FAR = 0.1  # worth of being near home, of that of being off the joint limits [1]
@@ -108,7 +107,7 @@ class ReachFilter:
         solutions = self._station.solve_ik(X_WH, seeds=SEEDS, first=self._station.arm.home)
         pose, q = best_solutions(self._station, solutions, kept=KEPT)
         forward = rotate(X_WH[pose], self._station.hand.approach_H)
-        away = track(self._station, q, X_WH[pose], -APPROACH * forward)
+        away = track(self._station, q, X_WH[pose], -STANDOFF * forward)
         up = track(self._station, q, X_WH[pose], np.array([0.0, 0.0, LIFT]))
         motions: list[ArmGrasp | str] = [
             "no_straight_arm_motion" if reached else "out_of_arm_reach"

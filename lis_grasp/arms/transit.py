@@ -25,8 +25,6 @@ NO_PATH = "no_collision_free_arm_path"
 MARGIN = 0.01
 """Distance of a path from the object and the table [m], where its ends permit it."""
 
-# No point of arm or hand moves farther between two checked postures [m]: half of it is the margin.
-_SPACING = 2.0 * MARGIN
 _COARSE = 0.15  # steps of a joint in which that motion is measured [rad or m]
 _ITERATIONS = 1500  # postures that are tried, before planning is given up
 _SHORTCUTS = 40  # that are tried
@@ -85,7 +83,8 @@ class _Edges:
             :, None
         ]
         travel = self._checker.travel(start + coarse * (end - start), self._q_hand)
-        count = max(int(np.ceil(travel / _SPACING)), 1)
+        # No point moves farther between two checked postures than twice the margin.
+        count = max(int(np.ceil(travel / (2.0 * MARGIN))), 1)
         parts = np.arange(1, count + 1)[:, None] / count
         return bool(self._checker.free(start + parts * (end - start), self._q_hand).all())
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 import re
+import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -52,9 +53,6 @@ _VERBS = (
     ("doctor", "doctor", "check this machine, or the files of a hand, and list fixes"),
 )
 _CORE_VERBS = tuple(name for name, _, _ in _VERBS)
-
-# Exit code of a program whose reader has ended, as of a shell: 128 and the number of SIGPIPE.
-_READER_ENDED = 141
 
 
 class _Parser(argparse.ArgumentParser):
@@ -162,7 +160,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         complain(f"lis-grasp: {_message(error, arguments)}")
         return 2 if isinstance(error, InvalidInputError) else 1
     except BrokenPipeError:
-        return _READER_ENDED
+        return 128 + signal.SIGPIPE  # as a shell reports it
     except OSError as error:  # of a file that no reader or writer of the package owns
         complain(f"lis-grasp: {error.filename or 'a file'}: {error.strerror or error}")
         return 1

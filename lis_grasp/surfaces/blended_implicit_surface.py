@@ -15,12 +15,11 @@ from lis_grasp.surfaces.contact_preparation import prepare_contacts
 from lis_grasp.surfaces.gaussian_process_implicit_surface import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
 from lis_grasp.surfaces.queries import flat_points, map_rows
-from lis_grasp.surfaces.smooth_implicit_surface import SmoothImplicitSurface
+from lis_grasp.surfaces.smooth_implicit_surface import LEAST_PLACES, SmoothImplicitSurface
 from lis_grasp.typing import FloatArray, IndexArray
 
-# Folds of the cross-validation; fewer places than the least cannot compare the estimates.
+# Folds of the cross-validation.
 _FOLDS = 5
-_LEAST_PLACES = 4
 
 # The evidence of all places counts like that of this many near ones, less half a standard error.
 _PRIOR_PLACES = 3.0
@@ -81,7 +80,7 @@ class BlendedImplicitSurface:
         smooth = SmoothImplicitSurface.beside(bound, prepared)
         places, normals = prepared.places, sharp.normals
         log_ratios = np.zeros(len(places.nodes))
-        if len(places.nodes) >= _LEAST_PLACES:
+        if len(places.nodes) >= LEAST_PLACES:
             folds = (np.arange(len(places.nodes)) % _FOLDS)[places.place]
             of_sharp = log_errors(_predict_left_out(sharp, folds), normals, places)
             log_ratios = log_errors(smooth.free.leave_groups_out(folds), normals, places) - of_sharp

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import HALF_SPACE, Contacts
-from lis_grasp.geometry import unit
+from lis_grasp.geometry import AXES, unit
 from lis_grasp.records import Record, short_repr
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.queries import flat_points, map_rows, require_range
@@ -19,9 +19,8 @@ from lis_grasp.typing import FloatArray, IndexArray
 
 # Points of a unit ball: its centre, and on its surface towards the faces and corners of a cube. A
 # cap without any is lower than a fifth of the radius.
-_FACES = np.vstack([np.eye(3), -np.eye(3)])
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3))) / np.sqrt(3.0)
-_PLACES = np.vstack([np.zeros((1, 3)), _FACES, _CORNERS])  # (15, 3)
+_PLACES = np.vstack([np.zeros((1, 3)), AXES, _CORNERS])  # (15, 3)
 
 # Walls that go on down to a table: contacts this near to it [m], normals with such parts upward.
 _NEAR_TABLE, _LARGEST_SLOPE = 0.0135, 0.2

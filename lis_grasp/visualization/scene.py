@@ -51,7 +51,6 @@ if TYPE_CHECKING:
     from lis_grasp.robots.hand import Hand
 
 
-_NOTHING = np.empty((0, 3))
 _SHOWN_GRASPS = 5
 _LEAST_SIZE = 0.01  # [m] of a scene with a single contact
 
@@ -265,7 +264,7 @@ class Scene:
         if station is not None:
             draw_pedestal(canvas, station)
         draw_grasps(canvas, grasps)
-        best = around = moved = standing = _NOTHING
+        best = around = moved = standing = _no_points()
         if motion is not None:
             draw_motion(canvas, motion, self.hand, station)
             moved = moved_points(motion, self.hand, object_points)
@@ -287,6 +286,10 @@ class Scene:
         )
 
 
+def _no_points() -> FloatArray:
+    return np.empty((0, 3))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _ShownHand:
     """Poses of the hand and its arm on the page, and points (N, 3) [m] that frame the camera."""
@@ -294,10 +297,10 @@ class _ShownHand:
     lift_seconds: float = 0.0
     postures: Sequence[list[FloatArray]] = ()  # poses of all links at the shown grasps
     touches: Sequence[dict[str, Any] | None] = ()
-    best: FloatArray = field(default_factory=lambda: _NOTHING)  # of the best grasp
-    around: FloatArray = field(default_factory=lambda: _NOTHING)  # of all grasps
-    standing: FloatArray = field(default_factory=lambda: _NOTHING)  # of the arm at home
-    moved: FloatArray = field(default_factory=lambda: _NOTHING)  # in the lift
+    best: FloatArray = field(default_factory=_no_points)  # of the best grasp
+    around: FloatArray = field(default_factory=_no_points)  # of all grasps
+    standing: FloatArray = field(default_factory=_no_points)  # of the arm at home
+    moved: FloatArray = field(default_factory=_no_points)  # in the lift
 
 
 def _rounded(points: FloatArray) -> list[list[float]]:

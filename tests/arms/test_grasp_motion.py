@@ -12,10 +12,10 @@ from stations import positions_between, station_with
 
 from lis_grasp.arms.collision import StationChecker
 from lis_grasp.arms.placement import home_of
-from lis_grasp.arms.reach import LIFT
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.transit import SPEED, plan_grasp_motion
 from lis_grasp.cli.main import main
+from lis_grasp.grasping.grasps import LIFT
 from lis_grasp.io.csv_tables import column_numbers, read_table
 from lis_grasp.io.trajectory_files import write_joint_trajectory, write_trajectory_csv
 

@@ -11,7 +11,6 @@ import pytest
 import trimesh
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.limits import MOST_ELEMENTS
 from lis_grasp.io.mesh_files import read_mesh
 from lis_grasp.robots.link_bodies import load_link_mesh
 from lis_grasp.shapes import FORMATS, load
@@ -50,26 +49,26 @@ _DOUBLED = [{"children": [n + 1, n + 1]} for n in range(40)] + [{"mesh": 0}]
 
 
 @pytest.mark.parametrize(
-    ("changes", "reason"),
+    "changes",
     [
-        ({"accessors": [{"count": 60_000_000} | _EMPTY]}, "at most"),
-        ({"accessors": [{"count": MOST_ELEMENTS} | _EMPTY] * 2}, "at most"),
-        ({"accessors": [{"count": -3} | _EMPTY]}, "at most"),
-        ({"accessors": [{"count": "6"} | _EMPTY]}, "at most"),
-        ({"nodes": _DOUBLED}, "at most"),
-        ({"nodes": [{"children": [0]}]}, "inside of itself"),
-        ({"nodes": [{"children": [7]}]}, "follow glTF"),
-        ({"nodes": 5}, "follow glTF"),
-        ({"buffers": [{"byteLength": 36, "uri": "/dev/zero"}]}, "missing"),
-        ({"buffers": [{"byteLength": 36, "uri": "absent.bin"}]}, "missing"),
-        ({"bufferViews": [{"buffer": 0, "byteLength": 99}]}, "cannot be read as GLTF"),
+        {"accessors": [{"count": 60_000_000_000} | _EMPTY]},
+        {"accessors": [{"count": -3} | _EMPTY]},
+        {"accessors": [{"count": "6"} | _EMPTY]},
+        {"nodes": [{"children": [7]}]},
+        {"nodes": 5},
+        {"buffers": [{"byteLength": 36, "uri": "/dev/zero"}]},
+        {"buffers": [{"byteLength": 36, "uri": "absent.bin"}]},
+        {"bufferViews": [{"buffer": 0, "byteLength": 99}]},
     ],
 )
-def test_a_gltf_beyond_its_file_is_refused_before_it_is_read(
-    tmp_path: Path, changes: dict[str, Any], reason: str
-) -> None:
-    header = json.dumps(_gltf(**changes)).encode()
-    _refused(tmp_path / "a.gltf", header, reason)
+def test_a_gltf_beyond_its_file_is_refused(tmp_path: Path, changes: dict[str, Any]) -> None:
+    _refused(tmp_path / "a.gltf", json.dumps(_gltf(**changes)).encode(), "a.gltf|zero|absent.bin")
+
+
+@pytest.mark.parametrize("nodes", [_DOUBLED, [{"children": [0]}]])
+def test_nodes_that_are_used_again_are_read_once(tmp_path: Path, nodes: list[Any]) -> None:
+    (tmp_path / "a.gltf").write_text(json.dumps(_gltf(nodes=nodes)))
+    assert len(read_mesh(tmp_path / "a.gltf", FORMATS).mesh.faces) <= 1
 
 
 def _glb(header: object) -> bytes:
@@ -84,7 +83,6 @@ def _glb(header: object) -> bytes:
         ("a.gltf", b"[]"),
         ("a.gltf", b"[" * 100_000),
         ("a.glb", _glb([])),
-        ("a.glb", _glb(_gltf(nodes=[{"children": [0]}]))),
         ("a.glb", b"glTF"),
         ("a.stl", b""),
         ("a.obj", b"v 1 2 3\nf 1 1 99999999\n"),
