@@ -88,7 +88,7 @@ def reason_of(error: Exception, kind: str) -> str:
         return f"line {line}{quoted} is no {kind}, or it is cut off there"
     if found := re.search(r"to float: b?'(.*)'|base 10: '(.*)'", str(error)):
         return f"it has {shown(found[1] or found[2])} where a number is needed"
-    if "allow_pickle" in str(error):  # NumPy's words for them
+    if str(error).startswith("Object arrays"):
         return "an array has Python objects, which are not read"
     if isinstance(error, KeyError) and str(error.args[0]).isidentifier():
         return f"it lacks {error.args[0]}"
