@@ -131,6 +131,13 @@ def test_imports_follow_the_flow_without_circles() -> None:
     assert not circles
 
 
+def test_a_module_depends_on_few_others() -> None:
+    """Propagation cost: the mean fraction of modules that a module reaches (MacCormack 2006)."""
+    graph = _import_graph()
+    reached = sum(len(nx.descendants(graph, module)) for module in graph)
+    assert reached / len(graph) ** 2 < 0.19
+
+
 def test_a_public_name_has_one_meaning() -> None:
     """Top-level functions and classes; verbs of the command line have two functions each."""
     homes: dict[str, set[str]] = {}

@@ -213,21 +213,3 @@ def motion_facts(shape: Shape, exploration: Exploration) -> dict[str, Any] | Non
         "losses": losses,
         "joined": found,
     }
-
-
-def motion_line(facts: dict[str, Any]) -> str:
-    """Return the sentence about `motion_facts`."""
-    line = (
-        f"moved     ended {1e3 * facts['displacement']:.1f} mm from where it was; one touch moved"
-        f" it by {1e3 * facts['largest_motion']:.1f} mm"
-    )
-    for name in ("tracking_error", "contact_error"):
-        if facts[name] is not None:
-            line += f"; {name.replace('_', ' ')} {1e3 * facts[name]:.2f} mm"
-    line += "" if facts["tracked"] else "; not tracked"
-    repeated, losses = facts["repeated_probes"], facts["losses"]
-    if repeated:
-        line += f"; {repeated} probe{'s' * (repeated > 1)} repeated to track it"
-    if losses:
-        line += f"; lost {losses} time{'s' * (losses > 1)}, found again {facts['joined']}"
-    return line

@@ -10,7 +10,8 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Exploration, Probe, ProbeOutcome, begin
 from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.pipeline import RunConfig, Scenario
-from lis_grasp.results.report import motion_facts, motion_line
+from lis_grasp.results.report import motion_facts
+from lis_grasp.results.summary import motion_line
 from lis_grasp.stages.touch import exploration_setup, make_prober, make_tracker, touch_steps
 from lis_grasp.task.conditions import UNKNOWN
 
