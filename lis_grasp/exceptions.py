@@ -173,11 +173,14 @@ class InvalidFileError(InvalidInputError):
     ----------
     path
         The file; None if it is none in particular.
+    field
+        Name of the value in it that is wrong, such as ``friction`` or ``grasps[0]``; empty if it is
+        none in particular.
     """
 
-    def __init__(self, message: str, *, path: Path | None = None) -> None:
+    def __init__(self, message: str, *, path: Path | None = None, field: str = "") -> None:
         super().__init__(message)
-        self.path = path
+        self.path, self.field = path, field
 
 
 class EstimationError(LisGraspError):

