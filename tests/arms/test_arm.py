@@ -279,8 +279,7 @@ def test_balls_cover_a_body(kind: str) -> None:
 def test_a_mistake_in_the_yaml_is_named(tmp_path: Path, changes: dict, key: str) -> None:
     with pytest.raises(InvalidArmError) as error:
         Arm.load(_write(tmp_path, **changes))
-    assert error.value.key == key
-    assert "two.yaml" in str(error.value)
+    assert (error.value.file, error.value.key) == ("two.yaml", key)
 
 
 def test_a_mistake_in_the_urdf_is_an_error_of_the_arm(tmp_path: Path) -> None:
@@ -293,7 +292,7 @@ def test_a_mistake_in_the_urdf_is_an_error_of_the_arm(tmp_path: Path) -> None:
 
 
 def test_unknown_arms_are_refused_with_the_nearest_name(tmp_path: Path) -> None:
-    with pytest.raises(InvalidArmError, match="did you mean 'iiwa14'"):
+    with pytest.raises(InvalidArmError, match="'iiwa14'"):
         Arm.load("iiwa41")
     with pytest.raises(InvalidArmError) as error:
         Arm.load(tmp_path / "absent.yaml")

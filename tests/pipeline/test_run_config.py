@@ -45,9 +45,9 @@ def test_a_value_out_of_its_range_or_type_names_its_field(name: str, values: tup
 
 
 def test_a_hand_or_arm_that_no_name_stands_for_is_refused() -> None:
-    with pytest.raises(InvalidHandError, match="'alegro' is neither: did you mean 'allegro'"):
+    with pytest.raises(InvalidHandError, match="'allegro'"):
         RunConfig(hand="alegro")
-    with pytest.raises(InvalidInputError, match="'iiwa15' is neither: did you mean 'iiwa14'"):
+    with pytest.raises(InvalidInputError, match="'iiwa14'"):
         RunConfig(arm="iiwa15")
     assert RunConfig(hand=Path("elsewhere/now.yaml")).hand == "elsewhere/now.yaml"
 

