@@ -52,14 +52,11 @@ _DOUBLED = [{"children": [n + 1, n + 1]} for n in range(40)] + [{"mesh": 0}]
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"accessors": [{"count": 60_000_000} | _EMPTY]}, "at most"),
         ({"accessors": [{"count": MOST_ELEMENTS} | _EMPTY] * 2}, "at most"),
         ({"accessors": [{"count": -3} | _EMPTY]}, "at most"),
-        ({"accessors": [{"count": "6"} | _EMPTY]}, "at most"),
         ({"nodes": _DOUBLED}, "at most"),
         ({"nodes": [{"children": [0]}]}, "inside of itself"),
         ({"nodes": [{"children": [7]}]}, "follow glTF"),
-        ({"nodes": 5}, "follow glTF"),
         ({"buffers": [{"byteLength": 36, "uri": "/dev/zero"}]}, "missing"),
         ({"buffers": [{"byteLength": 36, "uri": "absent.bin"}]}, "missing"),
         ({"bufferViews": [{"buffer": 0, "byteLength": 99}]}, "cannot be read as GLTF"),

@@ -610,7 +610,7 @@ def test_a_trial_of_an_unknown_free_object_is_judged_where_the_object_is() -> No
     assert {row["conditions"] for row in rows} == {"unknown"}
     with pytest.raises(InvalidOptionError) as error:
         Setup(conditions="unknown")
-    assert error.value.option == "prober"
+    assert error.value.option == "free"
 
 
 def test_equal_grasp_tasks_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
