@@ -127,7 +127,7 @@ class PatchContacts:
     def central(self, members: IndexArray) -> IndexArray:
         """Return the members nearest to their centroid, at most 100, ascending.
 
-        Amplitude and noise are those of the patch about them: the equations of all take too long.
+        Amplitude and noise come from the patch around them: solving for all patches takes too long.
         """
         if len(members) <= _SAMPLE:
             return members

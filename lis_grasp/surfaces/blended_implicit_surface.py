@@ -22,7 +22,7 @@ from lis_grasp.typing import FloatArray, IndexArray
 _FOLDS = 5
 _LEAST_PLACES = 4
 
-# The evidence of all places counts like that of this many near ones, less half a standard error.
+# The evidence of all places counts as much as this many near places, less half a standard error.
 _PRIOR_PLACES = 3.0
 _CAUTION = 0.5
 
@@ -121,7 +121,8 @@ class BlendedImplicitSurface(metaclass=Answering):
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        That of a mixture; patches weigh less, the farther they are from the smooth estimate.
+        It is the deviation of a mixture, in which patches weigh less the farther they are from the
+        smooth estimate.
         """
         rows, shape = flat_points(points)
         values = self.smooth.evaluate(rows)

@@ -119,18 +119,18 @@ def estimate(
         Contacts of one object, in its frame O.
     estimator
         "blend", "smooth", "gpis", "lis", "patch", or a plug-in: its name, ``my.module:Class``,
-        or what is called with contacts.
+        or a function of contacts.
     free_space
         Whether the contacts' free space is removed from the estimate.
     margin
-        Distance by which the balls of free space are smaller [m], for noise of the sensor.
+        Reduction of the radii of free space [m], for noise of the sensor.
     table
         Height of the table on which the object stands [m]; None for none. It closes the estimate
-        from below, and walls that were touched near it go on down to it.
+        from below, and walls that were touched near it continue down to it.
     keep_all
-        Whether all contacts are believed, those that the others contradict too.
+        Whether to believe all contacts, including contradicted ones.
     options
-        Those of the estimator: keywords of its `from_contacts`, such as ``position_noise`` [m]
+        Options of the estimator: keywords of its `from_contacts`, such as ``position_noise`` [m]
         and ``normal_noise`` [rad].
 
     Raises
@@ -171,7 +171,7 @@ def estimate(
 
 
 def few_contacts(contacts: Contacts) -> str:
-    """Return what an estimate from few contacts is worth, in words; empty if they are enough."""
+    """Return a sentence on the worth of an estimate from few contacts; empty if they are enough."""
     places = len(np.unique(contacts.points, axis=0))
     if places == 1:
         return "contacts at one place show no size of an object: that of the estimate is arbitrary"

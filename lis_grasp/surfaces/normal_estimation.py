@@ -2,7 +2,7 @@
 
 The evidence is the points themselves (a smooth closed surface passes through them), the directions
 of approach (a finger meets the outside), and points in free space; see `NormalPosterior`. In a
-dense cloud the normals are those of local planes.
+dense cloud they are the normals of local planes.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ class SmoothImplicitSurface(metaclass=Answering):
     def beside(
         cls, bound: GaussianProcessImplicitSurface, prepared: PreparedContacts
     ) -> SmoothImplicitSurface:
-        """Return the estimate beside `gpis` of the same contacts."""
+        """Return the estimate that blends with a `gpis` of the same contacts."""
         few = prepared.thinned(MOST_FOR_SETTINGS)
         plain = bound if few is prepared else GaussianProcessImplicitSurface.from_contacts(few)
         best, places = 0, few.places
@@ -127,7 +127,7 @@ class SmoothImplicitSurface(metaclass=Answering):
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        That of the free process, and a part of its difference from the bound one.
+        The deviation of the free process, and a part of its difference from the bound one.
         """
         differences = self.free.evaluate(points) - self.bound.evaluate(points)
         return np.hypot(self.free.uncertainty(points), _DOUBT * differences)
