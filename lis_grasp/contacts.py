@@ -55,7 +55,7 @@ class Contacts(Record, metaclass=Answering):
         where it is unknown; None if it is unknown for all.
     normal_noise
         Shape (N,) [rad], one standard deviation of each component of each contact's normal
-        perpendicular to it. NaN and None as of `position_noise`.
+        perpendicular to it. NaN and None as in `position_noise`.
     judged
         Whether estimators believe all contacts, instead of turning or leaving out those that others
         contradict (`judge_contacts`). It is not part of files.
@@ -129,7 +129,7 @@ class Contacts(Record, metaclass=Answering):
 
     @classmethod
     def empty(cls) -> Contacts:
-        """Return no contacts: those of an object before the first touch."""
+        """Return a record without contacts, as before the first touch of an object."""
         return cls(np.empty((0, 3)), np.empty((0, 3)))
 
     def __len__(self) -> int:

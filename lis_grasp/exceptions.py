@@ -44,7 +44,7 @@ def nearest_of(value: object, choices: Iterable[str]) -> str:
 
 
 def nearest_or_all(value: object, choices: Iterable[str]) -> str:
-    """Return the end of a message as of `nearest_of`, or else with all choices."""
+    """Return the end of a message as in `nearest_of`, or else with all choices."""
     names = sorted(set(choices))
     return nearest_of(value, names) or f": it has {', '.join(names)}"
 
@@ -188,7 +188,7 @@ class EstimationError(LisGraspError):
 
 
 class TooManyBadContactsError(EstimationError):
-    """Contacts of which more than a quarter contradicts the others.
+    """Contacts more than a quarter of which contradict the others.
 
     Attributes
     ----------

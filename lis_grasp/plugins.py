@@ -83,7 +83,7 @@ class Registry:
     def digest(self, name: str) -> str:
         """Return a hash of the source file of a plug-in, by which stored results are recognised.
 
-        Empty for the package's own, and where there is no source file. Errors as of `find`.
+        Empty for the package's own, and where there is no source file. For errors see `find`.
         """
         file = self.source_file(name)
         return "" if file is None else digest_of(file)

@@ -41,7 +41,7 @@ def choose_base(arm: Arm, hand: Hand, *, table: Table | None = None) -> Station:
 def best_bases(arm: Arm, hand: Hand, *, table: Table | None = None) -> list[Station]:
     """Return the stations of all base poses that are tried, the one with the most reach first.
 
-    Arguments are as of `choose_base`.
+    For arguments see `choose_base`.
     """
     table = Table() if table is None else table
     start = Station.make(arm, hand, _base(table, 0.0, 0.0), table=table)

@@ -29,7 +29,7 @@ APPROACH, LIFT = 0.12, 0.1
 """Lengths of the straight approach to a grasp, and of the straight lift [m]."""
 
 _SAME = 0.1  # solutions with joints this near are one [rad or m]
-_FAR = 0.1  # worth of being near home, of that of being off the joint limits [1]
+_FAR = 0.1  # worth of being near home, relative to being off the joint limits [1]
 _CHECKED = 2  # of the poses along a straight motion, every second is checked for collisions
 
 # Points (P, 3) -> which are inside of what is known, (P,).

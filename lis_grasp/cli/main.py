@@ -56,7 +56,7 @@ _VERBS = (
 )
 _CORE_VERBS = tuple(name for name, _, _ in _VERBS)
 
-# Exit code of a program whose reader has ended, as of a shell: 128 and the number of SIGPIPE.
+# Exit code of a program whose reader has ended, as in a shell: 128 and the number of SIGPIPE.
 _READER_ENDED = 141
 
 _AGAIN = 0.02  # [s] after which an interrupt during an import is raised again

@@ -88,7 +88,7 @@ class Run(metaclass=Answering):
 
     @cached_property
     def config(self) -> RunConfig:
-        """The configuration, as far as it is recorded; `InvalidOptionError` as of `RunConfig`."""
+        """The configuration, as far as it is recorded; for `InvalidOptionError` see `RunConfig`."""
         reported = {} if self.report is None else self.report["config"]
         return RunConfig.from_facts(located({**self.facts, **reported}, self.folder))
 
@@ -106,7 +106,7 @@ class Run(metaclass=Answering):
 
     @cached_property
     def hand(self) -> Hand:
-        """The hand; errors as of `Hand.load`."""
+        """The hand; for errors see `Hand.load`."""
         return Hand.load(self.config.hand)
 
     @cached_property

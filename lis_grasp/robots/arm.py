@@ -24,7 +24,7 @@ class Arm(RobotModel):
     Frames: A the base link, L a link, F the flange, whose +z points out of it. J joints, from the
     base to the flange. A gripper or anything else beyond the flange is left out.
 
-    The fields of the model are those of a `Hand`.
+    For the fields of the model see `Hand`.
     """
 
     name: str

@@ -236,7 +236,7 @@ class Hand(RobotModel):
         Returns
         -------
         centers, axes
-            Shape (..., F, 3), as of `pad_centers` and `pad_axes`.
+            Shape (..., F, 3), as in `pad_centers` and `pad_axes`.
         of_centers, of_axes
             Shape (..., F, 3, 6 + J). Columns 0 to 2: turning the palm about O's axes through the
             palm's origin [m/rad]; 3 to 5: moving the palm along O's axes; then the joints
@@ -259,6 +259,6 @@ def thumb_of(axes: FloatArray) -> int:
     Parameters
     ----------
     axes
-        Shape (F, 3), unit: the pads' axes, as of `Hand.pad_axes`.
+        Shape (F, 3), unit: the pads' axes, as in `Hand.pad_axes`.
     """
     return int(np.argmin([axes[f] @ np.delete(axes, f, axis=0).mean(0) for f in range(len(axes))]))

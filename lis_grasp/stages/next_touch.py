@@ -185,7 +185,7 @@ def next_touch(
 
 
 def touch_setup(known: Known, contacts: Contacts) -> ExplorationSetup:
-    """Return the exploration without limit that begins with contacts, as of `next_touch`."""
+    """Return the exploration without limit that begins with contacts, as in `next_touch`."""
     return replace(exploration_setup(replace(known, cloud=None)), touches=None, prior=contacts)
 
 

@@ -157,7 +157,7 @@ def touch(
 def touch_steps(
     scenario: Scenario, prober: Prober, recorded: Sequence[ProbeOutcome] = ()
 ) -> Iterator[ExplorationState]:
-    """Explore as `touch` does, step by step, as of `explore_steps`."""
+    """Explore as `touch` does, step by step, as in `explore_steps`."""
     known = scenario.known
     setup = replace(
         exploration_setup(known), stop=stop_rules(known), tracker=make_tracker(scenario, prober)

@@ -63,7 +63,7 @@ _LARGEST_ERROR = 6.0
 _INSIDE, _EMPTY = 6.0, 14.5
 
 
-# Largest group of contacts that are judged together; small groups say too little about each other.
+# Largest and least group of contacts that are judged together; fewer say too little of each other.
 _MOST, _LEAST = 160, 5
 
 

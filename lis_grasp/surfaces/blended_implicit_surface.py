@@ -72,7 +72,7 @@ class BlendedImplicitSurface(metaclass=Answering):
     ) -> BlendedImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        Arguments and errors are those of `prepare_contacts`.
+        For arguments and errors see `prepare_contacts`.
         """
         prepared = prepare_contacts(contacts, position_noise, normal_noise)
         sharp = PatchImplicitSurface.from_contacts(prepared)

@@ -234,7 +234,8 @@ def _local_planes(points: FloatArray, references: FloatArray) -> tuple[FloatArra
     """Return unit normals of the plane about each point, and their standard deviations.
 
     Principal component analysis of neighbours (Hoppe et al. 1992, Surface reconstruction from
-    unorganized points, section 3.1). The sign of a normal is that of a reference, not propagated.
+    unorganized points, section 3.1). The sign of a normal comes from a reference; it is not
+    propagated.
 
     Parameters
     ----------

@@ -83,7 +83,7 @@ class PatchImplicitSurface(BlockwiseSurface, metaclass=Answering):
     ) -> PatchImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        Arguments and errors are those of `prepare_contacts`.
+        For arguments and errors see `prepare_contacts`.
 
         Raises `EstimationError` if contacts contradict each other so much that they have hardly a
         patch in common.

@@ -77,7 +77,7 @@ class SmoothImplicitSurface(metaclass=Answering):
     ) -> SmoothImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        Arguments and errors are those of `prepare_contacts`.
+        For arguments and errors see `prepare_contacts`.
         """
         prepared = prepare_contacts(contacts, position_noise, normal_noise)
         bound = GaussianProcessImplicitSurface.from_contacts(prepared)

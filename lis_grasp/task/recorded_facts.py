@@ -1,4 +1,4 @@
-"""Facts in the headers of files: those of a configuration, the support, and poses."""
+"""Facts in the headers of files: options of a configuration, the support, and poses."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ RecordedFacts = create_model(  # type: ignore[call-overload]
     **dict.fromkeys(("X_WO", "X_EO", "X_EA", "X_FB"), (Pose | None, None)),
     **{name: (_in_file(hint), None) for name, hint in get_type_hints(RunConfig).items()},
 )
-"""Facts by name: those of a configuration, the support, and the poses of object and arm."""
+"""Facts by name: options of a configuration, the support, and the poses of object and arm."""
 
 
 def read_facts(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:

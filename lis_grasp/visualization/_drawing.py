@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization.colours import linear_rgb
 
-# Nodes of the viewer's scene tree. A lift moves all nodes below that of the object.
+# Nodes of the viewer's scene tree. A lift moves all nodes below the object's node.
 ROOT = "lis_grasp"
 OBJECT_NODE = f"{ROOT}/object"
 

@@ -105,7 +105,7 @@ class Scene(metaclass=Answering):
     Raises
     ------
     InvalidOptionError
-        If there is nothing to show, the hand is missing or not that of the grasps, or `touches` or
+        If there is nothing to show, the hand is missing or is not the grasps' hand, or `touches` or
         `growth` do not match the contacts.
 
     Examples

@@ -25,8 +25,8 @@ _TIME_STEP = 0.002  # [s]
 _STILL = 5e-4
 _STEPS_OF_REST = 20
 _LONGEST_SETTLING = 2.0
-# Rolling resistance: its moment is that of the weight at a lever of 0.01 radii, as of wood on wood.
-# It falls to 0 below this angular speed [rad/s].
+# Rolling resistance: its moment is the weight's at a lever of 0.01 radii, as for wood on wood. It
+# falls to 0 below this angular speed [rad/s].
 _ROLLING_RESISTANCE = 0.01
 _ROLLING = 0.05
 
@@ -73,7 +73,7 @@ class ProbingScene:
             # Contact with the table costs by the triangles of the faces on it.
             faces = merge_flat_faces(mesh)
             self._object = add_object(plant, faces, mass=free.mass, friction=friction)
-            # At the radius of half the least extent [N m].
+            # The moment is taken at half the least extent [N m].
             radius = 0.5 * float(np.min(mesh.extents))
             self._resistance = _ROLLING_RESISTANCE * free.mass * GRAVITY * radius
         # Without an arm, the planned motion avoids the table.
@@ -169,7 +169,7 @@ class ProbingScene:
     def touch(self) -> Contacts:
         """Return what the touch sensor feels, in W: flat parts of contacts above the threshold.
 
-        The forces are those of the step that was commanded: Drake computes them once for both.
+        The forces belong to the commanded step: Drake computes them once for both.
         """
         return self._scene.touch()
 

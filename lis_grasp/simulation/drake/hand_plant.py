@@ -46,7 +46,7 @@ LIFTING_SKIN = 1e7
 _STIFFNESS = {"revolute": 5.0, "prismatic": 5_000.0}  # [N m/rad], [N/m]
 _DAMPING = {"revolute": 0.1, "prismatic": 50.0}  # [N m s/rad], [N s/m]
 _COMPLIANCE = ("hydroelastic", "compliance_type")  # Drake's name of the property
-_NAMED = 4  # of the parts that a found hand lacks, so many are named
+_NAMED = 4  # largest number of missing parts that a message names
 
 
 class PdWrist(LeafSystem):
@@ -181,8 +181,8 @@ def add_hand(
 
     Gravity is compensated. The joints get implicit PD control, and efforts limited by
     `Hand.effort_limits`. Links of the hand do not collide with each other. The plant is not
-    finalized yet. Arguments are those of `lis_grasp.drake.add_hand`, which also loads, draws and
-    welds the hand.
+    finalized yet. For arguments see `lis_grasp.drake.add_hand`, which also loads, draws and welds
+    the hand.
     """
     links = add_links(plant, hand, plant.AddModelInstance(name))
     stiffness, damping = gains or (
