@@ -127,7 +127,7 @@ def _base(table: Table, distance: float, pedestal: float) -> FloatArray:
 
 
 def home_of(station: Station) -> FloatArray:
-    """Return the arm's home (J,) if the hand is high and free there, else a posture that is.
+    """Return the arm's home (J,) if the hand is high and free there, else another such posture.
 
     It is free in every pregrasp and probe posture of the hand. Such a posture has the hand pointing
     down, or obliquely, above the middle of the table.

@@ -51,7 +51,7 @@ def mount_of(arm: Arm, hand: Hand) -> ArmMount:
 
     The adapter is the shortest that keeps the hand, in every pregrasp and probe posture, more than
     5 mm from the last two links of the arm. Links of the hand that are fixed to its base may touch
-    those that are fixed to the flange.
+    links that are fixed to the flange.
 
     Raises `InvalidHandError` if the hand's own mount does not keep that distance, or no adapter of
     up to 10 cm does.
@@ -154,7 +154,7 @@ def _nearest(arm: Arm, hand: Hand, X_FB: FloatArray) -> tuple[str, str] | None:
 class Table:
     """A table with a flat top, on which the object is; the arm's base is on it or beside it.
 
-    What else is fixed there are obstacles.
+    Other fixed things there are obstacles.
     """
 
     height: float = 0.0  # of the top in W [m]

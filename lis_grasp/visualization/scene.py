@@ -77,7 +77,7 @@ class Scene(metaclass=Answering):
     contacts
         Contacts in O, in the order of the touches.
     bad_contacts
-        Rows of those that others contradict, which get a colour of their own.
+        Rows of contacts that others contradict, which get a colour of their own.
     growth
         Earlier estimates, each with its number of contacts, which increases.
     touches
@@ -93,7 +93,7 @@ class Scene(metaclass=Answering):
     support_height
         Height of the table in O [m]; None for the lowest point of the object.
     obstacles
-        What the hand must not hit [m], in O.
+        Obstacles for the hand [m], in O.
     region, search
         The region that contained the object, on the table z = 0, and the outcomes of the search up
         to the first contact.
