@@ -33,8 +33,7 @@ def grip_fraction(
     """Return the largest fraction, at most 1, of contact forces that a hand can exert.
 
     Joint efforts are ``tau = J^T f`` with the Jacobian J of the pads' centres: a force along the
-    normal of a round pad passes through its centre. No effort exceeds 0.9 of its limit. If
-    the forces are scaled to the hand's largest contact force already, no normal force exceeds it.
+    normal of a round pad passes through its centre. No effort exceeds 0.9 of its limit.
 
     The palm is at `X_OH` (4, 4) with joint positions `q` (J,) [rad or m]; `fingers` exert `forces`
     (C, 3) [N] on the object, in O.

@@ -121,8 +121,8 @@ class BlendedImplicitSurface(metaclass=Answering):
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        It is the deviation of a mixture, in which patches weigh less the farther they are from the
-        smooth estimate.
+        The deviation of a mixture: patches weigh less, the farther they are from the smooth
+        estimate.
         """
         rows, shape = flat_points(points)
         values = self.smooth.evaluate(rows)
