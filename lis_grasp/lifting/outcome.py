@@ -38,8 +38,8 @@ class ArmShake:
 class ArmUse:
     """Largest use of an arm's limits in a simulated motion, checked at every step.
 
-    Unwanted contacts are those of the arm's links with anything, of the hand with the table, but of
-    fingertips that a lift plans to slide on it, of the object with any link but fingertips and
+    Unwanted contacts are contacts of the arm's links with anything, of the hand with the table, but
+    of fingertips that a lift plans to slide on it, of the object with any link but fingertips and
     pads, and of the object with any link of the hand on a transit or the approach to a grasp.
     """
 

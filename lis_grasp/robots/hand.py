@@ -200,7 +200,7 @@ class Hand(RobotModel):
             Shape (..., 4, 4): poses of the palm.
         q
             Shape (..., J) [rad or m]: joint positions; its leading dimensions broadcast against
-            those of `X_OH`.
+            the dimensions of `X_OH`.
 
         Returns
         -------

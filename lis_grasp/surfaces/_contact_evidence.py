@@ -209,7 +209,7 @@ class Evidence:
 
 
 def _exchange_odds(fractions: FloatArray) -> FloatArray:
-    """Return the log odds of 1 - p instead of p, for fractions p (N,), given those of the others.
+    """Return the log odds of 1 - p instead of p, for fractions p (N,), given the other fractions.
 
     The others have a beta distribution, fitted by moments with one uniform pseudo-observation.
     """

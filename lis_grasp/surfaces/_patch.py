@@ -243,7 +243,7 @@ class Patch:
 class JoinedPatches:
     """The functions of K patches in one coordinate system.
 
-    The nodes of all patches are those of one expansion; the sum over each patch's own is its value.
+    The nodes of all patches belong to one expansion; a patch's value is the sum over its own nodes.
     """
 
     spacing: float  # [m], the unit of length

@@ -204,8 +204,8 @@ def set_object(
 ) -> bytes:
     """Return the command that draws an object of a three.js `kind` at a path of the scene tree.
 
-    `attributes` are those of its vertices, each (V, 3), `faces` (F, 3); `poses` (N, 4, 4) are those
-    of an ``InstancedMesh``.
+    `attributes` belong to its vertices, each (V, 3), `faces` (F, 3); `poses` (N, 4, 4) are those of
+    an ``InstancedMesh``.
     """
     data: dict[str, Any] = {
         "attributes": {

@@ -182,7 +182,7 @@ class _Described:
             self._edit(convex_parts=links)
 
     def note_repairs(self) -> None:
-        """Keep `repair` if inertias of the file are not those of the model."""
+        """Keep `repair` if the inertias of file and model differ."""
         read = {link.name: link_inertial(link).inertia_L for link in self._edited().links}
         given = self.model.inertials
         links = [k for k in self.model.links if not np.array_equal(read[k], given[k].inertia_L)]

@@ -20,8 +20,9 @@ from lis_grasp.simulation.drake.object_plant import FreeObject, add_object, add_
 from lis_grasp.typing import FloatArray
 
 _TIME_STEP = 0.002  # [s]
-# After a touch the hand retreats until the object is slower than this [m/s] over so many steps, for
-# this time at most [s]. Contact with the table makes it tremble by micrometres from step to step.
+# After a touch the hand retreats until the object is slower than this [m/s] over this many steps,
+# for this time at most [s]. Contact with the table makes it tremble by micrometres from step to
+# step.
 _STILL = 5e-4
 _STEPS_OF_REST = 20
 _LONGEST_SETTLING = 2.0

@@ -124,7 +124,7 @@ class HandInPlant:
         return -self.by_joint(forces)
 
     def by_joint(self, values: FloatArray) -> FloatArray:
-        """Return, of values (..., V) of the plant's velocities, those of the joints, (..., J).
+        """Return the joints' values (..., J) out of values of the plant's velocities (..., V).
 
         Joints that follow another by a transmission add theirs to its own.
         """
