@@ -38,9 +38,9 @@ class ArmShake:
 class ArmUse:
     """Largest use of an arm's limits in a simulated motion, checked at every step.
 
-    Unwanted contacts are contacts of the arm's links with anything, of the hand with the table, but
-    of fingertips that a lift plans to slide on it, of the object with any link but fingertips and
-    pads, and of the object with any link of the hand on a transit or the approach to a grasp.
+    Unwanted are contacts of the arm's links with anything; of the hand with the table, except of
+    fingertips that a lift plans to slide on it; of the object with links other than fingertips and
+    pads; and, on a transit or the approach to a grasp, of the object with any link of the hand.
     """
 
     effort: float = 0.0  #: largest fraction of a joint's effort limit
