@@ -15,7 +15,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 _STUDIES = Path(__file__).parent / "studies"
-_SMOKE_STEP = 20  # About 300 cases; the first of each file enters every folder and package.
+_SMOKE_STEP = 20  # About 300 cases; the first of each file enters every folder.
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
