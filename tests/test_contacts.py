@@ -79,7 +79,7 @@ def test_points_in_place_of_normals_are_answered() -> None:
     points = np.array([[0.03, 0.0, 0.0], [0.0, 0.0, 0.04]])
     normals = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     for swapped, cure in ((normals, "exchange them"), (2.0 * normals, "divide each")):
-        with pytest.raises(InvalidContactsError, match=f"normals must .* length .*: {cure}"):
+        with pytest.raises(InvalidContactsError, match=cure):
             Contacts(swapped, points)
 
 

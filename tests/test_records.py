@@ -49,7 +49,7 @@ def test_an_error_inside_a_property_is_not_taken_for_a_missing_member() -> None:
         def extent(self) -> float:
             return None.size  # type: ignore[attr-defined, no-any-return]
 
-    with pytest.raises(AttributeError, match="'NoneType' object has no attribute 'size'"):
+    with pytest.raises(AttributeError, match="'size'"):
         _ = Broken().extent
-    with pytest.raises(AttributeError, match="'Broken' has no attribute 'absent': it has extent"):
+    with pytest.raises(AttributeError, match="'absent'.*extent"):
         _ = Broken().absent

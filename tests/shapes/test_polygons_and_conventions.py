@@ -293,7 +293,7 @@ def test_units_and_placements_of_3mf_are_used(
         shapes.load(path, units="m")
     assert (error.value.option, error.value.value) == ("units", "m")
     write(model.replace("<model ", '<model xmlns:b="http://x/beamlattice" requiredextensions="b" '))
-    with pytest.raises(InvalidFileError, match="requires the extension http://x/beamlattice"):
+    with pytest.raises(InvalidFileError, match="beamlattice"):
         shapes.load(path)
     write(model.replace('objectid="1"/>', 'objectid="2"/>'))
     with pytest.raises(InvalidFileError) as error:
@@ -320,7 +320,7 @@ def test_parts_of_collada_that_are_not_read_are_named(kind: str, tmp_path: Path)
     path = tmp_path / "a.dae"
     _dae(path, _block().vertices, _block().faces.tolist())
     path.write_text(path.read_text().replace("</mesh>", f"<{kind} count='0'/></mesh>"))
-    with pytest.raises(InvalidFileError, match=f"it has {kind}, which are not read"):
+    with pytest.raises(InvalidFileError, match=kind):
         shapes.load(path)
 
 

@@ -514,7 +514,7 @@ def test_a_trial_whose_file_is_missing_is_tried_again(tmp_path: Path, times: int
     if times == 1:
         run(SMALL, tmp_path, runner=unreadable)
     else:
-        with pytest.raises(EstimationError, match="1 trials failed, .* again; .*box.stl is gone"):
+        with pytest.raises(EstimationError, match="1 trials .*box.stl is gone"):
             run(SMALL, tmp_path, runner=unreadable)
         assert len(StudyResults(tmp_path).missing(SMALL)) == 1
         run(SMALL, tmp_path, runner=unreadable)
@@ -807,12 +807,12 @@ def test_rows_do_not_depend_on_the_scheduler(
 @pytest.mark.slow
 def test_an_unusable_cluster_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
-    with pytest.raises(InvalidOptionError, match="running Dask scheduler"):
+    with pytest.raises(InvalidOptionError, match="scheduler"):
         run(SMALL, tmp_path, DaskCluster("tcp://127.0.0.1:1"))
     monkeypatch.setattr("lis_grasp_studies.harness.runner._CONNECT", 2)
     with (
         distributed.LocalCluster(n_workers=0, dashboard_address=":0") as cluster,
-        pytest.raises(InvalidOptionError, match="none came within 2 s"),
+        pytest.raises(InvalidOptionError, match="within 2 s"),
     ):
         run(SMALL, tmp_path, DaskCluster(cluster.scheduler_address))
     with (

@@ -207,7 +207,7 @@ def test_lengths_of_every_unit_are_read(centers: FloatArray, tmp_path: Path) -> 
 
 def test_contacts_in_a_mistaken_unit_are_refused(centers: FloatArray, tmp_path: Path) -> None:
     path = write(tmp_path / "points.csv", 1e3 * centers)
-    with pytest.raises(InvalidContactsError, match=r"`units` mm \(then 0\.07.* m\) would fit"):
+    with pytest.raises(InvalidContactsError, match="`units` mm "):
         load_contacts(path)
     path = write(tmp_path / "points.csv", centers)
     with pytest.raises(InvalidContactsError, match="`units` m "):
