@@ -53,6 +53,22 @@ class LisGraspWarning(UserWarning):
     """What a reader left out of a file or made of it; the command line prints it as a note."""
 
 
+class InexactContactWarning(LisGraspWarning):
+    """A simulated contact that is not between the true shapes of two bodies.
+
+    Attributes
+    ----------
+    link, body
+        Names of the hand's link and of the body that it touches, with their model instances.
+    method
+        "points" for point pairs, "hull" for the convex hull of a mesh, "unknown" if it may be one.
+    """
+
+    def __init__(self, message: str, *, link: str = "", body: str = "", method: str = "") -> None:
+        super().__init__(message)
+        self.link, self.body, self.method = link, body, method
+
+
 def note(message: str) -> None:
     """Warn of what was left out of a file or made of it, in one line."""
     warnings.warn(" ".join(message.split("\n")), LisGraspWarning, stacklevel=3)

@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.drake._drawing import Drawing, draw_hand
-from lis_grasp.drake._ports import MadeOnce, add_output, read, rigid
+from lis_grasp.drake._ports import MadeOnce, add_output, read
 from lis_grasp.drake.surface_estimator import Estimate
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
@@ -19,6 +19,7 @@ from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
 from lis_grasp.pipeline import Perception
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
+from lis_grasp.simulation.drake.plant_parts import pose_of, rigid
 from lis_grasp.typing import FloatArray
 
 _BEST, _OTHER = (0.1, 0.6, 0.25, 1.0), (0.3, 0.5, 0.9, 0.25)  # colours
@@ -95,7 +96,7 @@ class GraspPlanner(LeafSystem):
         self._sampler = ForceClosureSampler(
             hand.hand, prior, candidates=candidates, station=station, obstacles=obstacles
         )
-        self._X_WE, self._actuated = X_WE or RigidTransform(), hand.actuated
+        self._X_WE, self._actuated = pose_of(X_WE, "X_WE"), hand.actuated
         self._drawing = None if meshcat is None else Drawing(meshcat, path, self._X_WE)
         empty = Estimate(Contacts.empty(), Perception())
         self._estimate = self.DeclareAbstractInputPort("estimate", AbstractValue.Make(empty))

@@ -42,6 +42,7 @@ from lis_grasp.probing.guarded_motion import AT_TABLE
 from lis_grasp.probing.probe_planner import ProbePlanner
 from lis_grasp.records import Record
 from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
+from lis_grasp.simulation.drake.plant_parts import pose_of
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
@@ -154,7 +155,7 @@ class HapticExplorer(LeafSystem):
                 option="space",
             )
         require_positive(probe_speed=probe_speed, period=period)
-        X_WE = X_WE or RigidTransform()
+        X_WE = pose_of(X_WE, "X_WE")
         sensor, self._seed, self._X_WE = noise or TactileSensor(), seed, X_WE.GetAsMatrix4()
         self._X_LH, self._actuated = hand.hand.X_LH, hand.actuated
         self._setup = ExplorationSetup(
@@ -173,7 +174,7 @@ class HapticExplorer(LeafSystem):
         else:
             planner = ProbePlanner(hand.hand, probe_speed=probe_speed)
             q = next(iter(hand.hand.probe_postures.values())).joint_positions
-            start = home, q if q_home is None else np.asarray(q_home, np.float64)
+            start = pose_of(home, "home"), q if q_home is None else np.asarray(q_home, np.float64)
             self._mover = FreeMover(hand.hand, planner, X_WE, start, probe_speed)
         self._declare(0 if station is None else len(station.arm.joint_names), period)
 

@@ -20,6 +20,7 @@ from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline import Perception
 from lis_grasp.pipeline.stages import make_estimator
 from lis_grasp.records import Record
+from lis_grasp.simulation.drake.plant_parts import pose_of
 from lis_grasp.surfaces import Estimator, ImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import above_table, carved
 
@@ -137,7 +138,7 @@ class SurfaceEstimator(LeafSystem):
             {self._contacts.ticket()},
         )
         if meshcat is not None:
-            self._drawing = Drawing(meshcat, path, X_WE or RigidTransform(), replay=replay)
+            self._drawing = Drawing(meshcat, path, pose_of(X_WE, "X_WE"), replay=replay)
             self.DeclarePeriodicPublishEvent(_DRAWN_EVERY, 0.0, self._draw)
             self.DeclareForcedPublishEvent(self._draw)
 

@@ -28,6 +28,7 @@ from lis_grasp.exploration.workspace import Estimate, ObstacleModel
 from lis_grasp.geometry import inverse_pose
 from lis_grasp.surfaces.implicit_surface import DeferredSurface
 from lis_grasp.typing import FloatArray, Seed
+from lis_grasp.underflow import underflows
 
 # An exploration gives up after this many probes for each touch, and these on top.
 _PROBES_PER_TOUCH, _SPARE_PROBES = 4, 20
@@ -104,6 +105,7 @@ def explore_steps(
                 prober.move_frame(X_EF)
 
 
+@underflows
 def begin(setup: ExplorationSetup, recorded: Sequence[ProbeOutcome] = ()) -> ExplorationState:
     """Return the state before the first probe, or after recorded outcomes."""
     prior = Contacts.empty() if setup.prior is None else setup.prior
@@ -114,6 +116,7 @@ def begin(setup: ExplorationSetup, recorded: Sequence[ProbeOutcome] = ()) -> Exp
     return state
 
 
+@underflows
 def advance(
     setup: ExplorationSetup, state: ExplorationState, outcome: ProbeOutcome
 ) -> ExplorationState:
@@ -140,6 +143,7 @@ def advance(
     return replace(after, frames=frames)
 
 
+@underflows
 def choose(
     setup: ExplorationSetup, state: ExplorationState, *, rng: np.random.Generator
 ) -> NextProbe | str:

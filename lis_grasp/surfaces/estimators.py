@@ -22,6 +22,7 @@ from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.local_implicit_surface import LocalImplicitSurface
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
 from lis_grasp.surfaces.smooth_implicit_surface import SmoothImplicitSurface
+from lis_grasp.underflow import underflows
 
 Estimator = Callable[..., ImplicitSurface]
 """Makes a surface from `Contacts`; keywords give the sensor's noise and options."""
@@ -101,6 +102,7 @@ class PluggedEstimator:
                 )
 
 
+@underflows
 def estimate(
     contacts: Contacts,
     estimator: str | Estimator = "blend",
