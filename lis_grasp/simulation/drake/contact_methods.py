@@ -17,8 +17,9 @@ from lis_grasp.simulation.drake.hand_plant import HandInPlant
 _EXACT_MESH = ".vtk"  # a tetrahedral mesh, which Drake does not replace by its hull
 
 _WORDS = {
-    "points": "on point pairs: meshes are felt as their convex hulls, and forces begin large. Give"
-    " both bodies hydroelastic properties, and the plant contact_model='hydroelastic_with_fallback'",
+    "points": "on point pairs: meshes are felt as their convex hulls, and forces begin large."
+    " Give both bodies hydroelastic properties, and the plant"
+    " contact_model='hydroelastic_with_fallback'",
     "hull": "on the convex hull of a mesh of {of}: Drake has no other of compliant meshes. Make the"
     " mesh rigid (drake:rigid_hydroelastic, or add_object), or give a tetrahedral one (.vtk)",
     "unknown": "on the convex hull of {of} if that is a compliant mesh, which cannot be seen in a"
