@@ -22,8 +22,10 @@ from lis_grasp.simulation.drake.object_plant import in_memory
 from lis_grasp.simulation.drake.plant_parts import (
     frame_of,
     instance_of,
+    numbers_of,
     pose_of,
     require_plant,
+    wrong_type,
 )
 from lis_grasp.typing import FloatArray
 
@@ -73,7 +75,8 @@ def add_hand(
     Raises
     ------
     InvalidOptionError
-        If the instance lacks a link, a joint or a motor of the hand.
+        If an option is not of its kind or range, or the instance lacks a link, a joint or a motor
+        of the hand.
     InvalidHandError
         If there is no such hand.
 
@@ -89,8 +92,21 @@ def add_hand(
     if instance is not None:
         return hand_plant.find_hand(plant, found, instance_of(plant, instance, "instance"))
     _require_open(plant, name)
+    if parent is None and X_PG is not None:
+        raise wrong_type("parent", parent, "the Frame or RigidBody of the pose X_PG")
     frame = None if parent is None else frame_of(plant, parent, "parent")
     X_PG = pose_of(X_PG, "X_PG")
+    friction = float(numbers_of(friction, "friction", (), least=0.0))
+    modulus = float(numbers_of(modulus, "modulus", (), least=1.0))
+    if gains is not None:
+        kp, kd = numbers_of(gains, "gains", (2, len(found.joint_names)), least=0.0)
+        gains = kp, kd
+    if plant.time_step() == 0.0 and any(joint.follows for joint in found.joints):
+        raise InvalidOptionError(
+            f"{found.name} needs a plant with a time step: Drake couples joints in discrete plants"
+            " only",
+            option="plant",
+        )
     added = hand_plant.add_hand(
         plant, found, name=name, gains=gains, friction=friction, modulus=modulus
     )
@@ -157,6 +173,8 @@ def add_object(
 
 def _require_open(plant: MultibodyPlant, name: str) -> None:
     """Raise `InvalidOptionError` unless a model instance of a name can be added to a plant."""
+    if not isinstance(name, str):
+        raise wrong_type("name", name, "the name of a new model instance")
     if not plant.geometry_source_is_registered():
         raise InvalidOptionError(
             "the plant needs a SceneGraph: make both by AddMultibodyPlantSceneGraph", option="plant"

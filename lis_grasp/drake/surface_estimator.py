@@ -123,6 +123,7 @@ class SurfaceEstimator(LeafSystem):
         replay: bool = False,
     ) -> None:
         super().__init__()
+        X_WE = pose_of(X_WE, "X_WE")
         perception = Perception(
             estimator=estimator, sensor=noise or TactileSensor(), free_space=free_space, table=table
         )
@@ -138,7 +139,7 @@ class SurfaceEstimator(LeafSystem):
             {self._contacts.ticket()},
         )
         if meshcat is not None:
-            self._drawing = Drawing(meshcat, path, pose_of(X_WE, "X_WE"), replay=replay)
+            self._drawing = Drawing(meshcat, path, X_WE, replay=replay)
             self.DeclarePeriodicPublishEvent(_DRAWN_EVERY, 0.0, self._draw)
             self.DeclareForcedPublishEvent(self._draw)
 

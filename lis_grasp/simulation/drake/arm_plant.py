@@ -252,8 +252,9 @@ class ArmWatch:
             ends |= self._count(*pair, force)
         for i in range(results.num_point_pair_contacts()):
             point_info = results.point_pair_contact_info(i)
-            points, force = point_info.point_pair(), np.linalg.norm(point_info.contact_force())
-            ends |= self._count(points.id_A, points.id_B, float(force))
+            points = point_info.point_pair()
+            force = float(np.linalg.norm(point_info.contact_force()))
+            ends |= self._count(points.id_A, points.id_B, force)
         return ends
 
     def _count(self, first: GeometryId, second: GeometryId, force: float) -> bool:

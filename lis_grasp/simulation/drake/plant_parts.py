@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import cast
 
+import numpy as np
 import numpy.typing as npt
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
@@ -32,6 +33,18 @@ def require_plant(plant: object) -> MultibodyPlant:
     if not isinstance(plant, MultibodyPlant):
         raise wrong_type("plant", plant, "a MultibodyPlant")
     return plant
+
+
+def numbers_of(value: object, option: str, shape: tuple[int, ...], *, least: float) -> FloatArray:
+    """Return finite numbers of a shape, each at least `least`."""
+    try:
+        numbers = np.array(value, np.float64)
+    except (TypeError, ValueError):
+        numbers = np.array(np.nan)
+    if numbers.shape != shape or not (np.isfinite(numbers) & (numbers >= least)).all():
+        many = f"numbers of shape {shape}" if shape else "a number"
+        raise wrong_type(option, value, f"{many} of at least {least:g}")
+    return numbers
 
 
 def pose_of(value: object, option: str) -> RigidTransform:
