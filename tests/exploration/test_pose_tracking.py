@@ -128,6 +128,20 @@ def test_of_25_touches_five_repeat_others_unless_a_contact_could_not_be_used() -
     assert tracker.probe_again([*made[:-1], doubted]) is not None
 
 
+@pytest.mark.parametrize(("turn", "trust"), [(0.0, "doubted"), (1.6, "trusted")])
+def test_only_a_repetition_with_the_hand_turned_alike_shows_a_motion(
+    turn: float, trust: str
+) -> None:
+    # Rolled by 92 degrees, the finger came to another side of a mallet that had not moved.
+    roll = trimesh.transformations.rotation_matrix(turn, [1.0, 0.0, 0.0])
+    first = replace(touched_at(-0.03), hand_pose=HandPose(np.eye(4), np.zeros(0)))
+    first, _ = PoseTracker().track(first, (), Contacts.empty(), None, repeated=False)
+    side = Contacts([[-0.02, 0.02, 0.02]], [[0.0, 1.0, 0.0]])
+    again = ProbeOutcome(PROBE, "touched", side, hand_pose=HandPose(roll, np.zeros(0)))
+    again, _ = PoseTracker().track(again, [first], first.contacts, None, repeated=True)
+    assert again.tracked.trust == trust
+
+
 def test_contacts_before_a_loss_wait_until_the_object_is_found(tmp_path: Path) -> None:
     start, X_FE = PoseBelief.start(), planar_pose(np.array([0.2, 0.1, 0.5 * np.pi]))
     before = [replace(touched_at(x), tracked=start) for x in (-0.03, -0.05, -0.07)]
