@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from diagrams import OwnDiagram
 from numpy.testing import assert_allclose
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import DefaultProximityProperties, SceneGraphConfig
@@ -185,6 +186,23 @@ def test_a_touch_in_a_continuous_plant_is_that_of_a_discrete_one(scheme: str) ->
     # Pressed in by the same 0.5 mm; the hand's joints yield by micrometres.
     assert_allclose(felt.points, expected.points, atol=1e-5)
     assert_allclose(felt.forces, expected.forces, rtol=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("time_step", "scheme"), [(0.0, "runge_kutta3"), (0.0, "cenic"), (0.01, "")]
+)
+def test_an_exploration_is_exact_in_every_plant(time_step: float, scheme: str) -> None:
+    box = trimesh.creation.box([0.06, 0.08, 0.12])
+    options = {"touches": 3}
+    own = OwnDiagram(obj=box, explorer=options, time_step=time_step, scheme=scheme)
+    simulator = own.build()
+    simulator.set_monitor(own.explorer.ended)
+    simulator.AdvanceTo(40.0)
+    exploration = own.value(own.explorer.exploration)
+    assert exploration.ended == "3 contacts made"
+    off = np.abs(exploration.contacts.points - own.center) - box.extents / 2.0
+    assert_allclose(off.max(axis=1), 0.0, atol=5e-5)
 
 
 def test_a_hand_with_coupled_joints_is_refused_in_a_continuous_plant() -> None:
