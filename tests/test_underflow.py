@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import lis_grasp
-from lis_grasp import Contacts
+from lis_grasp import Contacts, estimate
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.surfaces import ESTIMATORS, estimate
+from lis_grasp.surfaces import ESTIMATORS
 from lis_grasp.underflow import methods_underflow, underflows
 
 # Of a bar, whose ends are many spacings apart: kernels between them are 0 in floating point.
