@@ -169,6 +169,7 @@ class InvalidOptionError(InvalidInputError):
 def require_positive(**options: float) -> None:
     """Raise `InvalidOptionError` for the first option that is not above 0 and finite."""
     for option, value in options.items():
+        _require_number(option, value)
         if not 0.0 < value <= sys.float_info.max:
             required = "above 0" if value <= 0.0 else "finite"
             raise InvalidOptionError.out_of_range(option, value, required)
@@ -177,9 +178,19 @@ def require_positive(**options: float) -> None:
 def require_at_least(least: float, **options: float) -> None:
     """Raise `InvalidOptionError` for the first option that is below `least` or not finite."""
     for option, value in options.items():
+        _require_number(option, value)
         if not least <= value <= sys.float_info.max:
             required = f"at least {least:g}" if value < least else "finite"
             raise InvalidOptionError.out_of_range(option, value, required)
+
+
+def _require_number(option: str, value: object) -> None:
+    try:
+        float(value if not isinstance(value, str | bytes) else "")  # type: ignore[arg-type]
+    except OverflowError:  # a whole number beyond floating point
+        return
+    except (TypeError, ValueError):
+        raise InvalidOptionError.out_of_range(option, value, "a number") from None
 
 
 class InvalidFileError(InvalidInputError):

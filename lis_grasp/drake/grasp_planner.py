@@ -13,12 +13,13 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.drake._drawing import Drawing, draw_hand
 from lis_grasp.drake._ports import MadeOnce, add_output, read
 from lis_grasp.drake.surface_estimator import Estimate
+from lis_grasp.exceptions import require_positive
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
 from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
-from lis_grasp.simulation.drake.plant_parts import pose_of, rigid
+from lis_grasp.simulation.drake.plant_parts import pose_of, require_kind, rigid
 from lis_grasp.stages.estimate import Perception
 from lis_grasp.typing import FloatArray
 
@@ -92,6 +93,9 @@ class GraspPlanner(LeafSystem):
     ) -> None:
         super().__init__()
         require_in_plant("GraspPlanner", hand)
+        require_kind("prior", prior, LoadPrior)
+        require_kind("obstacles", obstacles, trimesh.Trimesh)
+        require_positive(count=count)
         self._hand, self._table, self._count, self._seed = hand.hand, table, count, seed
         self._sampler = ForceClosureSampler(
             hand.hand, prior, candidates=candidates, station=station, obstacles=obstacles

@@ -398,6 +398,32 @@ def test_bodies_frames_and_instances_are_felt_by_index_or_name() -> None:
         assert refused.value.option == option
 
 
+@pytest.mark.parametrize("value", ["x", 3, np.zeros(3), [], RigidTransform(), object()])
+def test_an_option_of_another_kind_is_refused_and_not_passed_to_drake(value: Any) -> None:
+    _, plant, _ = plant_of()
+    hand, _ = add_hand(plant, "wsg50"), add_object(plant, "box")
+    plant.Finalize()
+    home = RigidTransform(DOWN, [0.0, 0.0, 0.4])
+    makers: dict[str, Any] = {
+        "threshold spacing period": lambda **o: TouchSensor(plant, hand, **o),
+        "noise frame": lambda **o: TouchSensor(plant, hand, **o),
+        "touches probe_speed period": lambda **o: HapticExplorer(hand, SPACE, home=home, **o),
+        "noise policy station q_home": lambda **o: HapticExplorer(hand, SPACE, home=home, **o),
+        "candidates count": lambda **o: GraspPlanner(hand, **o),
+        "prior obstacles": lambda **o: GraspPlanner(hand, **o),
+        "noise": lambda **o: SurfaceEstimator(**o),
+        "mass friction": lambda **o: add_object(plant_of()[1], "box", **o),
+    }
+    for options, make in makers.items():
+        for option in options.split():
+            is_number = option in "threshold spacing period touches probe_speed candidates count"
+            if isinstance(value, int) and (is_number or option in ("mass", "friction")):
+                continue
+            with pytest.raises(InvalidOptionError) as refused:
+                make(**{option: value})
+            assert refused.value.option == option
+
+
 def test_poses_of_systems_are_transforms_or_matrices() -> None:
     _, plant, _ = plant_of()
     hand = add_hand(plant, "wsg50")

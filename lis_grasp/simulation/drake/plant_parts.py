@@ -23,6 +23,12 @@ def wrong_type(option: str, value: object, required: str) -> InvalidOptionError:
     )
 
 
+def require_kind(option: str, value: object, kind: type) -> None:
+    """Raise `InvalidOptionError` unless a value is None or of a kind."""
+    if value is not None and not isinstance(value, kind):
+        raise wrong_type(option, value, f"of type {kind.__name__}")
+
+
 def rigid(X: FloatArray) -> RigidTransform:
     """Return a pose (4, 4), a rotation but for rounding, as Drake's."""
     return RigidTransform(RotationMatrix.ProjectToRotationMatrix(X[:3, :3]), X[:3, 3])
@@ -43,7 +49,8 @@ def numbers_of(value: object, option: str, shape: tuple[int, ...], *, least: flo
         numbers = np.array(np.nan)
     if numbers.shape != shape or not (np.isfinite(numbers) & (numbers >= least)).all():
         many = f"numbers of shape {shape}" if shape else "a number"
-        raise wrong_type(option, value, f"{many} of at least {least:g}")
+        from_least = f", each at least {least:g}" if np.isfinite(least) else ""
+        raise wrong_type(option, value, f"{many}{from_least}")
     return numbers
 
 

@@ -14,7 +14,7 @@ from pydrake.multibody.tree import BodyIndex, Frame, ModelInstanceIndex, RigidBo
 from pydrake.systems.framework import Context, EventStatus, InputPort, LeafSystem, State
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.exploration.probe_motions import TRANSIT_SPEED
 from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.tactile_sensor import TactileSensor
@@ -36,6 +36,7 @@ from lis_grasp.simulation.drake.plant_parts import (
     bodies_of,
     frame_of,
     pose_of,
+    require_kind,
     require_plant,
     wrong_type,
 )
@@ -138,8 +139,9 @@ class TouchSensor(LeafSystem):
             raise InvalidOptionError(
                 "TouchSensor needs a hand of its plant: this one is in another", option="hand"
             )
-        if period is not None and not period > 0.0:
-            raise InvalidOptionError.out_of_range("period", period, "above 0, or inf")
+        require_kind("noise", noise, TactileSensor)
+        if period is not None and not (isinstance(period, float) and np.isposinf(period)):
+            require_positive(period=period)
         self._felt_geometries = _geometries(plant, hand, feels)
         if not self._felt_geometries:
             raise InvalidOptionError(
