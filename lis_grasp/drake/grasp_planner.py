@@ -19,7 +19,7 @@ from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
 from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
-from lis_grasp.simulation.drake.plant_parts import pose_of, require_kind, rigid
+from lis_grasp.simulation.drake.plant_parts import pose_of, require_type, rigid
 from lis_grasp.stages.estimate import Perception
 from lis_grasp.typing import FloatArray
 
@@ -93,8 +93,8 @@ class GraspPlanner(LeafSystem):
     ) -> None:
         super().__init__()
         require_in_plant("GraspPlanner", hand)
-        require_kind("prior", prior, LoadPrior)
-        require_kind("obstacles", obstacles, trimesh.Trimesh)
+        require_type("prior", prior, LoadPrior)
+        require_type("obstacles", obstacles, trimesh.Trimesh)
         require_positive(count=count)
         self._hand, self._table, self._count, self._seed = hand.hand, table, count, seed
         self._sampler = ForceClosureSampler(

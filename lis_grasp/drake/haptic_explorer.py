@@ -41,7 +41,7 @@ from lis_grasp.probing.guarded_motion import AT_TABLE
 from lis_grasp.probing.probe_planner import ProbePlanner
 from lis_grasp.records import Record
 from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
-from lis_grasp.simulation.drake.plant_parts import numbers_of, pose_of, require_kind, wrong_type
+from lis_grasp.simulation.drake.plant_parts import numbers_of, pose_of, require_type, wrong_type
 from lis_grasp.stages.estimate import Perception
 from lis_grasp.stages.touch import make_policy
 from lis_grasp.surfaces import ImplicitSurface
@@ -156,8 +156,8 @@ class HapticExplorer(LeafSystem):
                 option="space",
             )
         require_positive(probe_speed=probe_speed, period=period)
-        require_kind("noise", noise, TactileSensor)
-        require_kind("station", station, Station)
+        require_type("noise", noise, TactileSensor)
+        require_type("station", station, Station)
         if not isinstance(policy, str) and not callable(policy):
             raise wrong_type("policy", policy, "the name of a policy, or a function of a Workspace")
         X_WE = pose_of(X_WE, "X_WE")

@@ -17,7 +17,7 @@ from lis_grasp.drake._ports import MadeOnce, declare_output, read_port
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.exploration import TactileSensor
 from lis_grasp.records import Record
-from lis_grasp.simulation.drake.plant_parts import pose_of, require_kind
+from lis_grasp.simulation.drake.plant_parts import pose_of, require_type
 from lis_grasp.stages.estimate import Perception, SurfaceEstimate
 from lis_grasp.surfaces import Estimator, ImplicitSurface
 
@@ -119,7 +119,7 @@ class SurfaceEstimator(LeafSystem):
     ) -> None:
         super().__init__()
         X_WE = pose_of(X_WE, "X_WE")
-        require_kind("noise", noise, TactileSensor)
+        require_type("noise", noise, TactileSensor)
         perception = Perception(
             estimator=estimator,
             sensor=noise or TactileSensor(),

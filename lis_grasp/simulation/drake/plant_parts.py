@@ -23,7 +23,7 @@ def wrong_type(option: str, value: object, required: str) -> InvalidOptionError:
     )
 
 
-def require_kind(option: str, value: object, kind: type) -> None:
+def require_type(option: str, value: object, kind: type) -> None:
     """Raise `InvalidOptionError` unless a value is None or of a kind."""
     if value is not None and not isinstance(value, kind):
         raise wrong_type(option, value, f"of type {kind.__name__}")

@@ -36,8 +36,8 @@ from lis_grasp.simulation.drake.plant_parts import (
     bodies_of,
     frame_of,
     pose_of,
-    require_kind,
     require_plant,
+    require_type,
     wrong_type,
 )
 from lis_grasp.typing import FloatArray, IndexArray
@@ -139,7 +139,7 @@ class TouchSensor(LeafSystem):
             raise InvalidOptionError(
                 "TouchSensor needs a hand of its plant: this one is in another", option="hand"
             )
-        require_kind("noise", noise, TactileSensor)
+        require_type("noise", noise, TactileSensor)
         if period is not None and not (isinstance(period, float) and np.isposinf(period)):
             require_positive(period=period)
         self._felt_geometries = _geometries(plant, hand, feels)
