@@ -17,6 +17,7 @@ from lis_grasp.drake._ports import MadeOnce, declare_output, read_port
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.exploration import TactileSensor
 from lis_grasp.records import Record
+from lis_grasp.simulation.drake.plant_parts import pose_of, require_type
 from lis_grasp.stages.estimate import Perception, SurfaceEstimate
 from lis_grasp.surfaces import Estimator, ImplicitSurface
 
@@ -122,6 +123,8 @@ class SurfaceEstimator(LeafSystem):
         replay: bool = False,
     ) -> None:
         super().__init__()
+        X_WE = pose_of(X_WE, "X_WE")
+        require_type("noise", noise, TactileSensor)
         perception = Perception(
             estimator=estimator,
             sensor=noise or TactileSensor(),
@@ -140,7 +143,7 @@ class SurfaceEstimator(LeafSystem):
             {self._contacts.ticket()},
         )
         if meshcat is not None:
-            self._drawing = Drawing(meshcat, path, X_WE or RigidTransform(), replay=replay)
+            self._drawing = Drawing(meshcat, path, X_WE, replay=replay)
             self.DeclarePeriodicPublishEvent(_DRAWN_EVERY, 0.0, self._draw)
             self.DeclareForcedPublishEvent(self._draw)
 

@@ -25,6 +25,7 @@ from lis_grasp.surfaces._kernels import (
 from lis_grasp.surfaces.contact_preparation import PreparedContacts, prepare_contacts
 from lis_grasp.surfaces.queries import flat_points, map_rows, require_range
 from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.underflow import methods_underflow
 
 KernelName = Literal["rbf", "matern52", "matern72", "thin_plate"]
 """Name of a kernel."""
@@ -57,6 +58,7 @@ MOST_FOR_SETTINGS = 150
 _LEAST_AXIS = 0.15
 
 
+@methods_underflow
 @dataclass(frozen=True, eq=False)
 class GaussianProcessImplicitSurface:
     """The posterior mean of a GP conditioned on value 0 and the normal as gradient at contacts.

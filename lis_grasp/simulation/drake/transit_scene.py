@@ -45,6 +45,8 @@ class TransitScene:
         if station.table is not None:
             table = add_table(plant, station.table.height, under=mesh)
         scene.finalize(self._hand, obj, table=table)
+        for coupling in plant.GetConstraintIds():  # singular between joints that are locked
+            plant.SetConstraintActiveStatus(scene.context, coupling, False)
         self._fingers = plant.get_desired_state_input_port(self._hand.instance)
         self._finger_efforts = plant.get_actuation_input_port(self._hand.instance)
         self._watch = ArmWatch(scene, self._arm, use=use, object_ends=True)
