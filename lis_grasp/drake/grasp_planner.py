@@ -16,9 +16,9 @@ from lis_grasp.drake.surface_estimator import Estimate
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
 from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
-from lis_grasp.pipeline import Perception
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
+from lis_grasp.stages.estimate import Perception
 from lis_grasp.typing import FloatArray
 
 _BEST, _OTHER = (0.1, 0.6, 0.25, 1.0), (0.3, 0.5, 0.9, 0.25)  # colours
@@ -32,12 +32,12 @@ class GraspPlanner(LeafSystem):
         estimate -> GraspPlanner -> grasp, plan, joint_positions, pregrasp_positions,
                                     squeeze_efforts
 
-    ``estimate`` is that of a `SurfaceEstimator`. ``grasp`` is the best one as ``(cost, X_WG)``: 1
+    ``estimate`` comes from a `SurfaceEstimator`. ``grasp`` is the best one as ``(cost, X_WG)``: 1
     minus its predicted success, and the desired pose of the base link's body; ``(inf, identity)``
     if there is none. ``plan`` is the `GraspSearch`, with poses of the palm in E. The others are
     vectors (J,) in the order of the hand's actuators: joint positions in contact, opened ones, and
     efforts ``J^T f`` of the planned forces. The system plans when an output is used, once for each
-    estimate, for some seconds.
+    estimate; this takes some seconds.
 
     Parameters
     ----------

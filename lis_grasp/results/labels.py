@@ -21,10 +21,10 @@ from lis_grasp.io.json_lines import MADE_AGAIN, append_lines, read_lines
 from lis_grasp.results.file_stages import lifting_of
 from lis_grasp.results.progress import SILENT, Progress
 from lis_grasp.results.report import lift_facts
-from lis_grasp.stages.lift import lift
+from lis_grasp.stages.lift import lift_object
 from lis_grasp.stages.scenario import Scenario
+from lis_grasp.stages.worker_pool import process_count, worker_pool
 from lis_grasp.version import __version__
-from lis_grasp.worker_pool import process_count, worker_pool
 
 LABELS = "labels.jsonl"
 """The log of the outcomes."""
@@ -58,7 +58,7 @@ def label_file(
 
     Outcomes are added to labels.jsonl as they come. The same call continues from there, unless the
     grasps, the object or an option have changed. At the end grasps.parquet has one row for each
-    grasp. Further arguments and errors are as of `lift_file`.
+    grasp. For further arguments and errors see `lift_file`.
 
     Parameters
     ----------
@@ -80,9 +80,9 @@ def label_file(
         runner = partial(_in_processes, process_count(jobs))
     folder = path.parent if folder is None else folder
     header = {"labels": 1, "version": __version__, "grasps_digest": provenance.digest_of(path)}
-    file = Path(scenario.config.object)
+    file = Path(scenario.task.world.object)
     digest = {"object_digest": provenance.digest_of(file)} if file.is_file() else {}
-    header |= {**scenario.config.facts(), **scenario.facts(), **digest}
+    header |= {**scenario.task.facts(), **scenario.facts(), **digest}
     log = folder / LABELS
     with sole_writer(folder):
         recorded, rows = read_lines(log, advice=MADE_AGAIN)
@@ -108,7 +108,7 @@ def label_file(
 
 def _label(scenario: Scenario, estimate: trimesh.Trimesh | None, job: Job) -> dict[str, Any]:
     rank, grasp = job
-    outcome = lift(scenario, grasp, estimate=estimate)
+    outcome = lift_object(scenario, grasp, estimate=estimate)
     return {"rank": rank, **lift_facts(outcome, mass=scenario.truth.mass)}
 
 

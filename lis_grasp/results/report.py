@@ -17,7 +17,6 @@ from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_covera
 from lis_grasp.exploration import STEP_FRACTION, Exploration, Region
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.lifting.outcome import LiftOutcome
-from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.stages.agent import station_facts
 from lis_grasp.stages.regrasp import Attempt
@@ -39,15 +38,15 @@ def build_report(
     Surface, grasps and lift are those of the last attempt. `scenario` is the one after the
     exploration, `arm_use` what touches demanded of the arm.
     """
-    config, last = scenario.config, attempts[-1]
+    task, last = scenario.task, attempts[-1]
     return {
         "version": __version__,
-        "config": config.facts(),
+        "config": task.facts(),
         "object": scenario.truth.shape.name,
-        "hand": config.hand,
-        **arm_facts(scenario.known.station, arm_use),
-        "estimator": config.estimator,
-        "seed": config.seed,
+        "hand": task.robot.hand,
+        **arm_facts(scenario.agent.station, arm_use),
+        "estimator": task.decide.estimator,
+        "seed": task.seed,
         "touches": exploration.made,
         "exploration": exploration_facts(scenario, exploration, last.mesh),
         "repairs": list(scenario.truth.shape.repairs),
@@ -66,27 +65,27 @@ def exploration_facts(
     `scenario` is the one after it. Covered is what is within `covered_radius` [m] of a contact on
     its side. The true surface is known in simulation only; exploration never uses it.
     """
-    contacts, known = exploration.contacts, scenario.known
+    contacts, agent = exploration.contacts, scenario.agent
     shape = scenario.truth.shape
     truth = scenario.truth.shape_now
     radius = touch_radius(shape.mesh)
-    tips = [p.radius for p in known.hand.probe_postures.values() if p.radius > 0.0]
+    tips = [p.radius for p in agent.hand.probe_postures.values() if p.radius > 0.0]
     return {
-        "asked": known.touches,
+        "asked": agent.decide.touches,
         "made": exploration.made,
         "contacts": len(contacts),
         "probes": len(exploration.outcomes),
         "ended": exploration.ended,
         "seconds": exploration.duration,
-        "search": _search_facts(exploration) if isinstance(known.space, Region) else None,
-        "motion": motion_facts(shape, exploration),
+        "search": _search_facts(exploration) if isinstance(agent.space, Region) else None,
+        "motion": motion_facts(scenario, exploration),
         "covered_radius": radius,
         "reachable_coverage": reachable_coverage(
             truth.mesh,
             contacts,
             tip_radius=min(tips, default=0.1 * radius),
             radius=radius,
-            support_height=known.table,
+            support_height=agent.perception.support_height,
         ),
         "estimate_coverage": None
         if estimate is None
@@ -128,7 +127,7 @@ def _grasp_facts(attempt: Attempt) -> dict[str, Any]:
         best, mesh = search.grasps[0], truth.shape_now.mesh
         facts["best_epsilon_estimate"] = best.quality["epsilon"]
         facts["best_epsilon_truth"] = epsilon_on_truth(
-            best, mesh, attempt.scenario.known.hand, friction=truth.friction
+            best, mesh, attempt.scenario.agent.hand, friction=truth.friction
         )
     return facts
 
@@ -180,20 +179,20 @@ def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
     }
 
 
-def motion_facts(shape: Shape, exploration: Exploration) -> dict[str, Any] | None:
+def motion_facts(scenario: Scenario, exploration: Exploration) -> dict[str, Any] | None:
     """Return how far touches moved a free object, and how well that was tracked, as plain values.
 
     `displacement` [m] is that of the centre of its box in all, `largest_motion` [m] that of any
     point by one touch. `tracking_error` [m] is the mean distance of the true surface from the same
     surface where the object is believed to be: 0 for motions that leave the surface in place. It is
     None after a loss, which begins another map, until both are joined. `contact_error` [m] is the
-    root mean square distance of the contacts from the true surface where it is now. None for a
-    fixed object.
+    root mean square distance of the contacts from the true surface where it is now. `scenario` is
+    the one after the exploration. None for a fixed object.
     """
-    X_EO = exploration.simulated_pose
-    if X_EO is None:
+    if not scenario.task.world.is_free or not exploration.observations:
         return None
-    beliefs = [outcome.tracked for outcome in exploration.outcomes if outcome.tracked is not None]
+    shape, X_EO = scenario.truth.shape, scenario.truth.X_EO
+    beliefs = [o.belief for o in exploration.observations if o.belief is not None]
     X_WE = beliefs[-1].X_WE if beliefs else np.eye(4)
     center = shape.mesh.bounds.mean(axis=0)
     moved = trimesh.transform_points(center[None], X_WE @ X_EO)[0] - center

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 
 from lis_grasp.geometry import apply_pose, hull_crossing, rotate
 from lis_grasp.io.yaml_files import is_plain_text
-from lis_grasp.robots.collision import checker_of
+from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.inertias import RULE, impossible_inertias
 from lis_grasp.robots.link_bodies import points_of_bodies
@@ -76,7 +76,7 @@ def _masses(hand: Hand) -> Iterator[Finding]:
 
 
 def _self_collisions(hand: Hand) -> Iterator[Finding]:
-    checker = checker_of(hand)
+    checker = HandCollisionChecker(hand)
     postures = {f"pregrasp {name}": q for name, q in hand.pregrasps.items()}
     postures |= {f"probe posture {f}": p.joint_positions for f, p in hand.probe_postures.items()}
     hits = {name: checker.self_collisions(q) for name, q in postures.items()}
@@ -109,7 +109,7 @@ def _efforts(hand: Hand) -> Iterator[Finding]:
 
 
 def is_plausible_effort(kind: str, effort: float | None) -> bool:
-    """Return whether an effort [N m or N] may be that of a hand's joint of this kind."""
+    """Return whether an effort [N m or N] is plausible for a hand's joint of this kind."""
     return effort is not None and 0.0 < effort <= _MOST_EFFORT[kind]
 
 
@@ -252,7 +252,7 @@ def _height_over(hand: Hand, links: dict[str, FloatArray], pad: Pad, axis: Float
     """Return the largest coordinate of a pad's link along its axis [m], but for what is behind.
 
     Counted are bodies that the axis crosses, and bodies mainly ahead of the pad: a foot behind the
-    pad, as of an angular finger, may be further out.
+    pad, as on an angular finger, may be further out.
     """
     link = _body_link(hand, pad)
     middle = apply_pose(links[pad.link], pad.center_L)

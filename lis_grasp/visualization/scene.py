@@ -46,7 +46,7 @@ from lis_grasp.visualization.hand_layers import (
 
 if TYPE_CHECKING:
     from lis_grasp.arms.station import Station
-    from lis_grasp.exploration import ProbeOutcome, Region
+    from lis_grasp.exploration import LoggedProbe, ProbeOutcome, Region
     from lis_grasp.grasping.grasps import Grasp
     from lis_grasp.robots.hand import Hand
 
@@ -75,7 +75,7 @@ class Scene:
     contacts
         Contacts in O, in the order of the touches.
     bad_contacts
-        Rows of those that others contradict, which get a colour of their own.
+        Rows of contacts that others contradict, which get a colour of their own.
     growth
         Earlier estimates, each with its number of contacts, which increases.
     touches
@@ -91,19 +91,19 @@ class Scene:
     support_height
         Height of the table in O [m]; None for the lowest point of the object.
     obstacles
-        What the hand must not hit [m], in O.
+        Obstacles for the hand [m], in O.
     region, search
         The region that contained the object, on the table z = 0, and the outcomes of the search up
         to the first contact.
     moved
-        The outcomes of an exploration that moved the object.
+        The logged probes of an exploration that moved the object.
     title, headline, summary
         Plain text: a heading, numbers with what they are, and lines that are folded below them.
 
     Raises
     ------
     InvalidOptionError
-        If there is nothing to show, the hand is missing or not that of the grasps, or `touches` or
+        If there is nothing to show, the hand is missing or is not the grasps' hand, or `touches` or
         `growth` do not match the contacts.
 
     Examples
@@ -126,7 +126,7 @@ class Scene:
     obstacles: trimesh.Trimesh | None = None
     region: Region | None = None
     search: Sequence[ProbeOutcome] = ()
-    moved: Sequence[ProbeOutcome] = ()
+    moved: Sequence[LoggedProbe] = ()
     title: str = "lis_grasp"
     headline: Sequence[tuple[str, str]] = ()
     summary: Sequence[str] = ()

@@ -17,11 +17,12 @@ from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import Exploration
 from lis_grasp.io import provenance
 from lis_grasp.pipeline import RunConfig, Scenario, estimate, run, touch
+from lis_grasp.pipeline.names_of_2 import UNKNOWN
 from lis_grasp.results.report import exploration_facts
 from lis_grasp.results.summary import exploration_lines
 from lis_grasp.shapes import Shape, placed
 from lis_grasp.stages.touch import make_prober
-from lis_grasp.task.conditions import IDEAL_SENSOR, UNKNOWN
+from lis_grasp.task.task import IDEAL_SENSOR
 
 CONFIG = RunConfig(
     **{**UNKNOWN, "free": False}, object="cylinder", prober="kinematic", touches=8, seed=2
@@ -39,10 +40,10 @@ def honest() -> Exploration:
 
 
 def test_a_region_is_the_only_prior_knowledge() -> None:
-    known = vars(scenario().known) | {"hand": None}
+    known = vars(scenario().agent) | {"hand": None}
     for name in ("box", "torus"):
         other = Scenario.from_config(CONFIG, shapes.build(name))
-        assert vars(other.known) | {"hand": None} == known
+        assert vars(other.agent) | {"hand": None} == known
 
 
 @pytest.mark.slow
@@ -75,7 +76,7 @@ def test_the_hand_stays_above_the_table() -> None:
 
 @pytest.mark.slow
 def test_the_estimate_is_closed_at_the_table() -> None:
-    _, mesh = estimate(scenario().known, honest().contacts)
+    _, mesh = estimate(scenario().agent, honest().contacts)
     assert mesh.is_watertight
     assert mesh.bounds[0, 2] > -0.001
 
@@ -96,9 +97,9 @@ def test_an_object_below_the_fingertips_that_search_for_it_is_named(tmp_path: Pa
     card = trimesh.creation.box((0.0856, 0.054, 0.0008))
     card.export(tmp_path / "card.stl")
     config = RunConfig(**UNKNOWN, object=str(tmp_path / "card.stl"), hand="wsg50", touches=10)
-    with pytest.raises(EstimationError, match=r"0.8 mm high, and fingertips .* stay 1.5 mm above"):
+    with pytest.raises(EstimationError, match="0.8 mm high, .*1.5 mm"):
         run(config, folder=tmp_path / "card")
-    with pytest.raises(EstimationError, match="0.8 mm high where it was touched, too low"):
+    with pytest.raises(EstimationError, match="0.8 mm high"):
         run(RunConfig(config.object, hand="wsg50", touches=10, prober="kinematic"), tmp_path / "b")
 
 
@@ -114,8 +115,9 @@ def test_the_summary_says_when_the_object_was_found() -> None:
 
 
 def test_an_object_in_a_region_needs_a_pose() -> None:
-    with pytest.raises(InvalidOptionError, match="pose"):
+    with pytest.raises(InvalidOptionError) as error:
         RunConfig(region=(0.4, 0.4, 0.3))
+    assert error.value.option == "pose"
 
 
 def test_an_ideal_sensor_is_the_default_of_the_records() -> None:

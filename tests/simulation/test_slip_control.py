@@ -1,7 +1,6 @@
 """Grip force under slip: an object heavier or smoother than assumed."""
 
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ import scenes
 from lis_grasp import Hand, pipeline, shapes
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.hand_capacity import balanced_grip
-from lis_grasp.lifting.finger_control import FingerControl
+from lis_grasp.lifting.finger_control import balanced_forces
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.simulation.drake.lift import simulate_lift
@@ -22,7 +21,7 @@ SUPPORT = float(BOX.mesh.bounds[0, 2])
 
 @cache
 def _grasp() -> Grasp:
-    known = scenes.scenario(BOX, JAW, grasps=3).known
+    known = scenes.scenario(BOX, JAW, grasps=3).agent
     return pipeline.plan(known, BOX.mesh).grasps[0]
 
 
@@ -80,7 +79,7 @@ def test_a_known_load_needs_no_reaction() -> None:
 @pytest.mark.slow
 def test_fingers_carry_the_weight_and_do_not_sag() -> None:
     hand, mass = Hand.load("allegro"), 0.5
-    search = pipeline.plan(scenes.scenario(BOX, hand, mass=mass, grasps=3).known, BOX.mesh)
+    search = pipeline.plan(scenes.scenario(BOX, hand, mass=mass, grasps=3).agent, BOX.mesh)
     outcome = simulate_lift(LiftSetup(BOX.mesh, hand, search.grasps[0], SUPPORT, mass))
     assert outcome.held
     # The springs of the fingers alone would yield by about 10 mm.
@@ -92,11 +91,5 @@ def test_fingers_that_can_only_add_to_the_load_still_squeeze():
     points, normals = np.array([[0.0, 0.0, 0.05]]), np.array([[0.0, 0.0, 1.0]])
     weight, center = np.array([0.0, 0.0, -20.0]), np.zeros(3)
     assert not balanced_grip(points, normals, friction=0.5, total=1.0, load=(weight, center)).any()
-    control = SimpleNamespace(
-        _weight=weight,
-        _scene=SimpleNamespace(X_WO=np.eye(4)),
-        _p_OC=center,
-        _setup=SimpleNamespace(grip_friction=0.5),
-    )
-    forces = FingerControl._balanced_forces(control, points, normals, 1.0)
+    forces = balanced_forces(points, normals, 0.5, 1.0, (weight, center))
     assert forces == pytest.approx(np.array([[0.0, 0.0, -1.0]]), abs=1e-6)

@@ -20,7 +20,8 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import (
     Exploration,
-    ExplorationSetup,
+    ExplorationStrategy,
+    TactilePerception,
     TactileSensor,
     Workspace,
     explore,
@@ -29,8 +30,9 @@ from lis_grasp.meshing import extract_mesh
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
+from lis_grasp.stages.estimate import estimate
 from lis_grasp.stages.touch import make_policy
-from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface, carved, estimate, judge_contacts
+from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface, carved, judge_contacts
 from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space, standing_on
 from lis_grasp.typing import FloatArray
 
@@ -211,11 +213,9 @@ def explored(name: str, *, touches: int, seed: int) -> tuple[shapes.Shape, Explo
     space = Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)
     exploration = explore(
         KinematicProber(Hand.load("allegro"), shape.mesh),
-        ExplorationSetup(
-            make_policy("spread", space, TactileSensor()),
-            ESTIMATORS["patch"],
-            touches=touches,
-            space=space,
+        TactilePerception(ESTIMATORS["patch"]),
+        ExplorationStrategy(
+            make_policy("spread", space, TactileSensor()), touches=touches, space=space
         ),
         rng=np.random.default_rng(seed),
     )

@@ -19,7 +19,7 @@ from lis_grasp.records import fields_of, read_only
 from lis_grasp.robots._build_model import build_model, link_inertial
 from lis_grasp.robots._description import DescriptionEdits, apply_edits, parse_description
 from lis_grasp.robots._urdf import naming
-from lis_grasp.robots.collision import checker_of
+from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.draft._flat_pads import face_areas
 from lis_grasp.robots.draft._pads import fit_pads
 from lis_grasp.robots.draft._pregrasps import MOST_TURNED, Opening, find_palm_frame, find_pregrasps
@@ -36,17 +36,18 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import forces_along_pads, is_plausible_effort
 from lis_grasp.robots.robot_model import RobotModel
 
-# Joints before all fingers that are locked, as of a wrist; more are an arm, which is left out.
+# Largest number of joints before all fingers that are locked, as in a wrist; more are an arm, which
+# is left out.
 _WRIST = 2
 _PREGRASPS = ("wide", "medium", "narrow", "tight")
 _OTHER_TILTS = ((0.25,), (0.0,))  # of pads that are tried next [rad]
 _TURNED = 0.95  # error of a pad's axis that is accepted at last (chord)
-_HIDDEN = 2.0  # parts replace a gripper's hulls if their faces are so many times the hulls'
+_HIDDEN = 2.0  # ratio of faces, parts to hulls, above which parts replace a gripper's hulls
 _ASIDE = 0.5  # sideways part of the approach of a hand with a fixed jaw
 # Of many hands' joints [N m or N].
 _USUAL_EFFORT = {"revolute": 1.0, "continuous": 1.0, "prismatic": 40.0}
 _USED = 0.9  # fraction of an effort that a finger's force may need
-# Of one finger [N]: files often give more than a robot uses.
+# Largest force of one finger [N]: files often give more than a robot uses.
 _MOST_FORCE = {"multi_finger": 10.0, "parallel_jaw": 40.0}
 
 
@@ -105,7 +106,7 @@ def draft_hand(
         edits = described.edits
         if hand.kind == "parallel_jaw":
             hand, edits = _strong_enough(hand, edits)
-        postures = find_probe_postures(hand, checker_of(hand), rng=rng)
+        postures = find_probe_postures(hand, HandCollisionChecker(hand), rng=rng)
         hand = replace(hand, probe_postures=MappingProxyType(postures))
         silent = [finger for finger in hand.fingers if finger not in hand.probe_postures]
         if silent:
@@ -180,7 +181,7 @@ class _Described:
             self._edit(convex_parts=links)
 
     def note_repairs(self) -> None:
-        """Keep `repair` if inertias of the file are not those of the model."""
+        """Keep `repair` if the inertias of file and model differ."""
         read = {link.name: link_inertial(link).inertia_L for link in self._edited().links}
         given = self.model.inertials
         links = [k for k in self.model.links if not np.array_equal(read[k], given[k].inertia_L)]
@@ -237,10 +238,10 @@ def _with_openings(
     pads that are turned by more: a hand with one motor cannot turn them as it closes.
     """
     hand = _without_postures(model, name, fit_pads(model, fingers))
-    checker = checker_of(hand)
+    checker = HandCollisionChecker(hand)
     exclusions = hand.self_collision_exclusions | find_exclusions(hand, checker, rng=rng)
     hand = replace(hand, self_collision_exclusions=exclusions)
-    checker = checker_of(hand)
+    checker = HandCollisionChecker(hand)
     openings = find_pregrasps(hand, checker, rng=rng)
     if openings or hand.kind == "parallel_jaw":
         return hand, openings

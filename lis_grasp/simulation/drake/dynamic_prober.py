@@ -65,7 +65,7 @@ class DynamicProber:
     Parameters
     ----------
     hand, mesh
-        The hand and the true object; requirements and errors as of `KinematicProber`.
+        The hand and the true object; for requirements and errors see `KinematicProber`.
     free
         Makes the object free to move on a table, and touches slow; None fixes it.
     force_threshold
@@ -111,8 +111,13 @@ class DynamicProber:
         self._hull = np.asarray(mesh.convex_hull.vertices)
         self._X_EO = np.eye(4)
 
+    @property
+    def X_EO(self) -> FloatArray | None:
+        """True pose of a free object; see `SimulatedProber`."""
+        return None if self._free is None else self._X_EO
+
     def place_object(self, X_EO: FloatArray) -> None:
-        """Place the true object, free and at rest, at a pose, shape (4, 4): that of a record."""
+        """Place the true object, free and at rest, at a recorded pose, shape (4, 4)."""
         self._X_EO = read_only(np.array(X_EO, dtype=np.float64))
 
     def move_frame(self, X_EF: FloatArray) -> None:
@@ -134,8 +139,6 @@ class DynamicProber:
         """
         self._motion.place_object(self._X_EO)
         missed, course = self._motion.outcome(probe, obstacles)
-        if self._free is not None:
-            missed = replace(missed, simulated_pose=self._X_EO)
         if course is None:
             return missed
         try:
@@ -167,7 +170,7 @@ class DynamicProber:
             contacts, hand_pose = Contacts.empty(), None
             reason = f"{ARM_STOPPED}: {stopped.reason}"
         if self._free is not None:
-            missed = replace(missed, simulated_pose=self._X_EO, moved=self._displacement(before))
+            missed = replace(missed, moved=self._displacement(before))
         if not len(contacts):
             return replace(missed, status="blocked", reason=reason)
         contacts = replace(contacts, times=np.full(len(contacts), course.until_contact))
@@ -183,7 +186,7 @@ class DynamicProber:
     def _end_of_slide(self, course: Course) -> Contacts:
         """Return the contacts that the fingertip makes where its slide ends; none without one.
 
-        The way there is that of geometry: a light force bends no finger. Its end is simulated.
+        The way there is computed by geometry: a light force bends no finger. Its end is simulated.
         """
         slide = course.slide
         if slide is None or slide.touched is None:
