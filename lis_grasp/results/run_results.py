@@ -16,7 +16,6 @@ from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io.schemas import FileRecord, read_json
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import Motion
-from lis_grasp.records import Answering
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, find, placed_as_recorded
 from lis_grasp.stages.estimate import Perception, SurfaceEstimate
@@ -34,7 +33,7 @@ class _Report(FileRecord):
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
-class Run(metaclass=Answering):
+class Run:
     """Results in a folder: everything is in the frame of its contacts, the true object too.
 
     What the folder lacks is None.
@@ -87,7 +86,7 @@ class Run(metaclass=Answering):
 
     @cached_property
     def task(self) -> Task:
-        """The task, as far as it is recorded; `InvalidOptionError` as of `Task`."""
+        """The task, as far as it is recorded; for `InvalidOptionError` see `Task`."""
         reported = {} if self.report is None else self.report["config"]
         return Task.from_facts(located({**self.facts, **reported}, self.folder))
 
@@ -105,7 +104,7 @@ class Run(metaclass=Answering):
 
     @cached_property
     def hand(self) -> Hand:
-        """The hand; errors as of `Hand.load`."""
+        """The hand; for errors see `Hand.load`."""
         return Hand.load(self.task.robot.hand)
 
     @cached_property
