@@ -248,7 +248,7 @@ class LiftingWork:
 
 
 def lifting_of(path: Path, options: Mapping[str, Any], progress: Progress) -> LiftingWork:
-    """Return the grasps in a file and what to lift, with options as of `lift_file`."""
+    """Return the grasps in a file and what to lift, with the options of `lift_file`."""
     require_options(options, _LIFTED_WITH)
     recorded = read_facts(path, usual="grasps.json")
     search = GraspSearch.load(path)

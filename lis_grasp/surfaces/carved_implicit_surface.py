@@ -214,7 +214,7 @@ def _grown(radii: FloatArray, nearest: FloatArray, values: FloatArray, growth: f
 
 
 def standing_on(contacts: Contacts, support_height: float) -> Contacts:
-    """Return contacts with those that a table at a height [m] implies.
+    """Return contacts, and the further ones that a table at a height [m] implies.
 
     No fingertip gets below a contact near the table. A wall there is assumed to continue straight
     down: one more contact is below it, at the table.

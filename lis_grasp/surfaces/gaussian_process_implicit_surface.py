@@ -52,7 +52,7 @@ _LENGTHS: dict[KernelName, float] = {
 _MIN_SLOPE = 0.1
 # Least standard deviation of the surface, in largest distances between two contacts.
 _LEAST = 0.0003
-# Settings are fitted to so many contacts at most: the prior's amplitude takes a dozen solutions.
+# Largest number of contacts for fitting settings: the prior's amplitude takes a dozen solutions.
 MOST_FOR_SETTINGS = 150
 # The least axis of stretched coordinates, as a fraction of the largest.
 _LEAST_AXIS = 0.15
