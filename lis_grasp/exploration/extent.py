@@ -88,7 +88,7 @@ class End:
         """
         points, normals = self.contacts.points, self.contacts.normals
         found = normals @ self.out > _FACES_OUT
-        known = [(landmark.probe, landmark.contact) for landmark in self.touched]
+        known = [(landmark.probe, landmark.contacts) for landmark in self.touched]
         for probe, made in (*known, *((o.probe, o.contacts) for o in self.tried)):
             for contact in made:
                 aside = abs(float((contact.points[0] - probe.target) @ self.across))
