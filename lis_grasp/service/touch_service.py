@@ -32,16 +32,12 @@ from lis_grasp.logs.detection import APPROACH_NOISE
 from lis_grasp.results.file_stages import estimate_file, grasp_file
 from lis_grasp.results.folder import result_file
 from lis_grasp.robots.hand import Hand
-from lis_grasp.stages.agent import Known, Perception
+from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.contact_sources import ContactSource
-from lis_grasp.stages.next_touch import (
-    NextTouch,
-    ObjectPlace,
-    endless,
-    next_touch_after,
-)
+from lis_grasp.stages.estimate import Perception
+from lis_grasp.stages.next_touch import NextTouch, ObjectPlace, endless, next_touch_after
 from lis_grasp.stages.touch import make_perception
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
 
 _MOST_ROWS, _MOST_GRASPS = 1000, 100  # of a request
@@ -100,8 +96,8 @@ class TouchService:
 
     Parameters
     ----------
-    config, hand
-        The configuration, and its hand.
+    task, hand
+        The task, and its hand.
     place
         What is known of the object's place.
     folder
@@ -112,7 +108,7 @@ class TouchService:
         Contacts, and observations by probes, so far.
     """
 
-    config: RunConfig
+    task: Task
     hand: Hand
     place: ObjectPlace
     folder: Path
@@ -124,7 +120,7 @@ class TouchService:
     _touch: NextTouch | None = field(default=None, init=False)  # not carried out yet
 
     def __post_init__(self, recorded: Sequence[Observation]) -> None:
-        settings = Perception.from_config(self.config, None)
+        settings = Perception.of(self.task.robot, self.task.decide, None)
         self._perception = make_perception(settings, self.before)
         self._state = begin(self._perception, recorded=recorded)
 
@@ -159,8 +155,8 @@ class TouchService:
         contacts = self._state.known
         try:
             if self._touch is None:
-                known = Known.for_hand(self.config, self.hand, self.place.space(contacts), 0.0)
-                self._touch = next_touch_after(known, self._perception, endless(known), self._state)
+                agent = Agent.of(self.task, self.place.space(contacts), 0.0, self.hand)
+                self._touch = next_touch_after(agent, self._perception, endless(agent), self._state)
         except LisGraspError as error:
             if not reports:
                 raise

@@ -27,12 +27,9 @@ from lis_grasp.exploration import (
 from lis_grasp.exploration.strategy import sought_ends
 from lis_grasp.probing.approach_planner import NO_FREE_APPROACH, Approach, ApproachPlanner
 from lis_grasp.robots.hand import Hand
-from lis_grasp.stages.agent import Known
-from lis_grasp.stages.touch import (
-    exploration_rng,
-    make_perception,
-    make_strategy,
-)
+from lis_grasp.stages.agent import Agent
+from lis_grasp.stages.touch import exploration_rng, make_perception, make_strategy
+from lis_grasp.task.task import plain_value
 
 NO_TABLE = "no table is known"
 """Start of warnings of a table that is assumed."""
@@ -163,14 +160,14 @@ class ObjectPlace:
         return Workspace(STEP_FRACTION * size, center, size, table)
 
 
-def next_touch(known: Known, contacts: Contacts, recorded: Sequence[Observation] = ()) -> NextTouch:
+def next_touch(agent: Agent, contacts: Contacts, recorded: Sequence[Observation] = ()) -> NextTouch:
     """Return the next touch that the known policy chooses and the hand can approach.
 
     It is the next touch of the exploration with what was recorded, which has no limit here.
 
     Parameters
     ----------
-    known
+    agent
         Its hand needs a probe posture. In a region without contacts, the touch is a search motion.
         Its cloud is not used: it is part of the contacts.
     contacts
@@ -184,25 +181,25 @@ def next_touch(known: Known, contacts: Contacts, recorded: Sequence[Observation]
     EstimationError
         If no probe can be approached, or the policy has none left.
     """
-    perception, strategy = make_perception(known, contacts), endless(known)
+    perception, strategy = make_perception(agent.perception, contacts), endless(agent)
     state = begin(perception, strategy, recorded)
-    return next_touch_after(known, perception, strategy, state)
+    return next_touch_after(agent, perception, strategy, state)
 
 
-def endless(known: Known) -> ExplorationStrategy:
-    """Return the known strategy without a wanted number of contacts."""
-    return replace(make_strategy(known), touches=None)
+def endless(agent: Agent) -> ExplorationStrategy:
+    """Return the agent's strategy without a wanted number of contacts."""
+    return replace(make_strategy(agent), touches=None)
 
 
 def next_touch_after(
-    known: Known,
+    agent: Agent,
     perception: TactilePerception,
     strategy: ExplorationStrategy,
     state: ExplorationState,
 ) -> NextTouch:
     """Return the next touch in a state of an exploration; see `next_touch`."""
-    hand, rng = known.hand, exploration_rng(known)
-    planner = ApproachPlanner(hand, obstacles=known.obstacles)
+    hand, rng, policy = agent.hand, exploration_rng(agent), plain_value(agent.decide.policy)
+    planner = ApproachPlanner(hand, obstacles=agent.keep_out)
     rng.spawn(len(state.observations) or len(state.prior))  # the generators of the probes so far
     blocked = 0
     while blocked < _MOST_BLOCKED:
@@ -217,13 +214,11 @@ def next_touch_after(
                 distance = float(np.linalg.norm(so_far.points - probe.target, axis=1).min())
                 deviation = float(state.estimated.uncertainty(probe.target[None])[0])
             sought = sought_ends(strategy, state)
-            return NextTouch(
-                probe, approach, str(known.policy), distance, deviation, blocked, sought
-            )
+            return NextTouch(probe, approach, policy, distance, deviation, blocked, sought)
         outcome = ProbeOutcome(probe, "blocked", reason=NO_FREE_APPROACH)
         state = advance(perception, state, outcome)
         blocked += 1
     raise EstimationError(
-        f"the policy {known.policy} has no probe that the hand {hand.name} can approach, after"
+        f"the policy {policy} has no probe that the hand {hand.name} can approach, after"
         f" {blocked} tries: check `center`, `size`, `support` or `region`, or choose another policy"
     )

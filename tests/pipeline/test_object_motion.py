@@ -11,6 +11,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Exploration, Observation, Probe, ProbeOutcome, begin
 from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.pipeline import RunConfig, Scenario
+from lis_grasp.pipeline.names_of_2 import UNKNOWN
 from lis_grasp.results.report import motion_facts, motion_line
 from lis_grasp.stages.touch import (
     make_perception,
@@ -20,7 +21,6 @@ from lis_grasp.stages.touch import (
     touch_steps,
     true_pose,
 )
-from lis_grasp.task.conditions import UNKNOWN
 
 BOX = shapes.build("box", 0.06)
 FIXED = Scenario.from_config(RunConfig(), BOX)
@@ -92,7 +92,7 @@ def test_an_object_that_was_knocked_away_is_found_on_its_map() -> None:
     facts = motion_facts(scenario.after(state.result, true_pose(prober)), state.result)
     assert max(facts["tracking_error"], facts["contact_error"]) < 5e-3  # of 50 mm and 70 degrees
     # What is read from the log is the same state.
-    perception = make_perception(scenario.known)
+    perception = make_perception(scenario.agent.perception)
     perception = replace(perception, tracker=make_tracker(scenario, prober))
-    again = begin(perception, make_strategy(scenario.known), state.observations)
+    again = begin(perception, make_strategy(scenario.agent), state.observations)
     np.testing.assert_array_equal(again.contacts.points, state.contacts.points)

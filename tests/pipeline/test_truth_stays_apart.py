@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from reachable import reachable
 
-from lis_grasp import Contacts
+from lis_grasp import Contacts, Task
 from lis_grasp.exploration import (
     Exploration,
     ExplorationState,
@@ -29,11 +29,12 @@ from lis_grasp.exploration import (
 )
 from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.pipeline import Known, RunConfig, Scenario, Truth
 from lis_grasp.service.touch_service import TouchService
 from lis_grasp.shapes import Shape
+from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.next_touch import ObjectPlace
 from lis_grasp.stages.regrasp import touch_more
+from lis_grasp.stages.scenario import Scenario, Truth
 from lis_grasp.stages.touch import (
     exploration_rng,
     make_perception,
@@ -44,10 +45,15 @@ from lis_grasp.stages.touch import (
     true_pose,
 )
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
+from lis_grasp.task.world import World
 from lis_grasp.typing import FloatArray
 
 # A ball of 50 g rolls at every touch.
-CONFIG = RunConfig("sphere", hand="wsg50", free=True, mass=0.05, friction=0.5, touches=3)
+TASK = Task.of("sphere", known=True, hand="wsg50", free=True, mass=0.05, friction=0.5, touches=3)
+
+
+TRUE = (Truth, Scenario, Shape, SimulatedProber)
+"""Types of what is true."""
 
 
 @dataclass
@@ -67,8 +73,8 @@ class Watch:
         self.given.extend(given)
 
     def watched(self, scenario: Scenario) -> Scenario:
-        known = replace(scenario.known, policy=self.policy, estimator=self.estimate)
-        return replace(scenario, known=known)
+        agent = scenario.agent.deciding(policy=self.policy, estimator=self.estimate)
+        return replace(scenario, agent=agent)
 
 
 @dataclass
@@ -87,7 +93,7 @@ class Peeking:
         rng: np.random.Generator,
     ) -> Probe | None:
         self.watch.given.extend((contacts, surface, outcomes, rng))
-        policy = make_policy("spread", self.space, CONFIG.sensor())
+        policy = make_policy("spread", self.space, TASK.robot.sensor)
         return policy.next_probe(contacts, surface, outcomes=outcomes, rng=rng)
 
 
@@ -102,7 +108,7 @@ def assert_without_truth(given: Sequence[Any], truth: Truth, poses: Sequence[Flo
     assert true
     for part in reachable(*given):
         checked += 1
-        assert not isinstance(part, Truth | Scenario | Shape | SimulatedProber), type(part)
+        assert not isinstance(part, TRUE), type(part)
         if isinstance(part, np.ndarray) and part.dtype == np.float64:
             assert part.shape != vertices.shape or not np.allclose(part, vertices)
             for X in part.reshape(-1, 4, 4) if part.shape[-2:] == (4, 4) else ():
@@ -123,12 +129,12 @@ class Explored:
 @pytest.fixture(scope="module")
 def explored() -> Explored:
     watch = Watch()
-    scenario = watch.watched(Scenario.from_config(CONFIG))
-    prober, known = make_prober(scenario), scenario.known
-    perception = replace(make_perception(known), tracker=make_tracker(scenario, prober))
-    strategy = replace(make_strategy(known), stop=[watch.stop])
+    scenario = watch.watched(Scenario.from_config(TASK))
+    prober, agent = make_prober(scenario), scenario.agent
+    perception = replace(make_perception(agent.perception), tracker=make_tracker(scenario, prober))
+    strategy = replace(make_strategy(agent), stop=[watch.stop])
     states, poses = [], []
-    steps = explore_steps(prober, perception, strategy, rng=exploration_rng(known))
+    steps = explore_steps(prober, perception, strategy, rng=exploration_rng(agent))
     for state in steps:
         X_EO, X_WE = true_pose(prober), np.eye(4) if state.belief is None else state.belief.X_WE
         states.append(state)
@@ -140,7 +146,7 @@ def explored() -> Explored:
 def test_what_decides_for_the_robot_cannot_reach_the_true_object(explored: Explored) -> None:
     # What policy, estimator and stop rule get, all states, and what plans grasps.
     scenario, result = explored.scenario, explored.states[-1].result
-    given = [*explored.given, *explored.states, result, scenario.known]
+    given = [*explored.given, *explored.states, result, scenario.agent]
     assert_without_truth(given, scenario.truth, explored.poses)
     for leak in (explored.poses[-1], scenario.truth, scenario.truth.shape.mesh.vertices.copy()):
         with pytest.raises(AssertionError):
@@ -148,10 +154,10 @@ def test_what_decides_for_the_robot_cannot_reach_the_true_object(explored: Explo
 
 
 def test_the_touch_service_cannot_reach_the_true_object(explored: Explored, tmp_path: Path) -> None:
-    config = RunConfig(hand="wsg50", estimator="gpis")
+    task = Task.of(hand="wsg50", estimator="gpis")
     log, place = TouchLog(tmp_path / "touches.jsonl", {}), ObjectPlace(size=0.12, support=-0.06)
-    recorded, hand = explored.states[-1].observations, explored.scenario.known.hand
-    service = TouchService(config, hand, place, tmp_path, log, recorded=recorded)
+    recorded, hand = explored.states[-1].observations, explored.scenario.agent.hand
+    service = TouchService(task, hand, place, tmp_path, log, recorded=recorded)
     given = [service, service.answer({"request": "next"})]
     assert_without_truth(given, explored.scenario.truth, explored.poses)
 
@@ -161,7 +167,7 @@ def test_touches_after_a_grasp_cannot_reach_the_true_object(explored: Explored) 
     again = watch.watched(explored.scenario)
     found, contacts, lesson = touch_more(again, contacts, moved=False)
     assert lesson.touched
-    given, poses = [*watch.given, found.known, contacts], [again.truth.X_EO, found.truth.X_EO]
+    given, poses = [*watch.given, found.agent, contacts], [again.truth.X_EO, found.truth.X_EO]
     assert_without_truth(given, again.truth, poses)
 
 
@@ -172,7 +178,7 @@ def test_no_record_of_the_robot_has_a_field_of_the_true_object() -> None:
         NextProbe,
         TactilePerception,
         ExplorationStrategy,
-        Known,
+        Agent,
     )
     records, seen = list[Any](roots), set[Any]()
     while records:
@@ -180,7 +186,7 @@ def test_no_record_of_the_robot_has_a_field_of_the_true_object() -> None:
         if record in seen:
             continue
         seen.add(record)
-        assert record not in (Truth, Scenario, Shape, RunConfig, LoggedProbe, SimulatedProber)
+        assert record not in (*TRUE, World, Task, LoggedProbe)
         for name, hint in get_type_hints(record).items():
             assert not {"true", "truth", "simulated"} & set(name.split("_")), f"{record}: {name}"
             records += _classes_in(hint)
@@ -196,7 +202,7 @@ def _classes_in(hint: Any) -> list[Any]:
 
 def test_what_is_true_is_found_where_it_is() -> None:
     # The walk that finds none in what the robot gets finds it in a simulator's prober.
-    scenario = Scenario.from_config(CONFIG).moved(planar_pose(np.array([0.1, 0.2, 0.3])))
+    scenario = Scenario.from_config(TASK).moved(planar_pose(np.array([0.1, 0.2, 0.3])))
     prober, X_EO = make_prober(scenario), scenario.truth.X_EO
     parts = list(reachable({"prober": [lambda: prober]}))
     assert any(isinstance(part, SimulatedProber) for part in parts)
