@@ -69,7 +69,7 @@ class PoseTracker:
 
     A repeated probe far off its first contact, or free space where contacts were, shows a large
     motion: the pose becomes uncertain, and the next touches register it. If they contradict the
-    estimate too, the object has toppled or rolled away, and a second map begins (`maps_of`).
+    estimate too, the object has toppled or rolled away, and a second map begins (`Maps`).
 
     Parameters
     ----------
