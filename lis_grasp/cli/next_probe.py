@@ -19,7 +19,6 @@ from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.exploration import Exploration, Observation, TouchLog
 from lis_grasp.io.atomic_writing import sole_writer, write_json
 from lis_grasp.results.folder import LOG, read_touches
-from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import STABLE
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.contact_sources import (
@@ -113,7 +112,7 @@ def execute(options: argparse.Namespace) -> None:
         return
     contacts = before.append(Exploration.replay(observations).contacts)
     space = place.space(contacts)
-    agent = Agent.of(task, space, 0.0)
+    agent = Agent.of(task, 0.0, space=space)
     hand = agent.hand
     with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
         touch = next_touch(agent, before, observations)
@@ -196,7 +195,7 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, task: Task) -> None:
 
     if options.output is not None and options.output.suffix.lower() == ".json":
         raise InvalidOptionError.out_of_range("--output", str(options.output), "a folder")
-    source, hand = options.contacts, Hand.load(task.robot.hand)
+    source, agent = options.contacts, Agent.of(task, 0.0)
     folder = options.output or (source or Path()).parent
     resumed = _is_log(source)
     path = source if resumed else folder / LOG
@@ -218,7 +217,7 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, task: Task) -> None:
     log = TouchLog(path, facts)
     with sole_writer(folder):
         before, observations, _ = _read_log(path) if resumed else (_cloud(source), (), {})
-        service = TouchService(task, hand, place, folder, log, before, observations)
+        service = TouchService(agent, place, folder, log, before, observations)
         if options.port is None and options.socket is None:
             with _own_output() as answers:
                 complain("ready: requests on standard input, one JSON object a line")

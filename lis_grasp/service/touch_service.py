@@ -24,20 +24,17 @@ from lis_grasp.exploration import (
     advance,
     begin,
 )
+from lis_grasp.exploration.touch_detection import APPROACH_NOISE
 from lis_grasp.grasping.export import moveit_grasps
 from lis_grasp.io import provenance
 from lis_grasp.io.schemas import Number, Vector, first_mistake
 from lis_grasp.io.units import LARGEST
-from lis_grasp.logs.detection import APPROACH_NOISE
 from lis_grasp.results.file_stages import estimate_file, grasp_file
 from lis_grasp.results.folder import result_file
-from lis_grasp.robots.hand import Hand
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.contact_sources import ContactSource
-from lis_grasp.stages.estimate import Perception
 from lis_grasp.stages.next_touch import NextTouch, ObjectPlace, endless, next_touch_after
 from lis_grasp.stages.touch import make_perception
-from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
 
 _MOST_ROWS, _MOST_GRASPS = 1000, 100  # of a request
@@ -96,8 +93,8 @@ class TouchService:
 
     Parameters
     ----------
-    task, hand
-        The task, and its hand.
+    agent
+        The robot; it knows no place of the object.
     place
         What is known of the object's place.
     folder
@@ -108,8 +105,7 @@ class TouchService:
         Contacts, and observations by probes, so far.
     """
 
-    task: Task
-    hand: Hand
+    agent: Agent
     place: ObjectPlace
     folder: Path
     log: TouchLog
@@ -120,8 +116,7 @@ class TouchService:
     _touch: NextTouch | None = field(default=None, init=False)  # not carried out yet
 
     def __post_init__(self, recorded: Sequence[Observation]) -> None:
-        settings = Perception.of(self.task.robot, self.task.decide, None)
-        self._perception = make_perception(settings, self.before)
+        self._perception = make_perception(self.agent.perception, self.before)
         self._state = begin(self._perception, recorded=recorded)
 
     def answer(self, content: Mapping[str, Any]) -> dict[str, Any]:
@@ -155,14 +150,14 @@ class TouchService:
         contacts = self._state.known
         try:
             if self._touch is None:
-                agent = Agent.of(self.task, self.place.space(contacts), 0.0, self.hand)
+                agent = self.agent.placed(self.place.space(contacts))
                 self._touch = next_touch_after(agent, self._perception, endless(agent), self._state)
         except LisGraspError as error:
             if not reports:
                 raise
             return {"ok": False, "error": str(error), "recorded": True, "contacts": len(contacts)}
         doubt = self.place.doubt(contacts)
-        facts = {**self._touch.facts(self.hand), "contacts": len(contacts)}
+        facts = {**self._touch.facts(self.agent.hand), "contacts": len(contacts)}
         return facts | ({"warning": doubt} if doubt else {})
 
     def _outcome(self, request: NextRequest) -> ProbeOutcome:
@@ -235,6 +230,6 @@ class TouchService:
         names = ("grasps", "candidates", "rejections")
         answer = {"file": made.path.name, **{name: written[name] for name in names}}
         if request.moveit is not None:
-            name, X_FB = request.moveit, self.hand.X_FB
-            answer["moveit"] = moveit_grasps(made.search, self.hand, name=name, X_FB=X_FB)
+            name, X_FB = request.moveit, self.agent.hand.X_FB
+            answer["moveit"] = moveit_grasps(made.search, self.agent.hand, name=name, X_FB=X_FB)
         return answer

@@ -225,7 +225,10 @@ def touch_more(
     rest = contacts.subset(np.delete(np.arange(len(contacts)), again))
     tracker = PoseTracker(agent.robot.sensor.position_noise)
     perception = replace(make_perception(agent.perception, rest), tracker=tracker)
-    surface, space = perception.estimate(contacts), agent.space.grown(contacts).fitted_to(contacts)
+    surface, space = (
+        perception.estimate(contacts),
+        agent.known_space.grown(contacts).fitted_to(contacts),
+    )
     landmarks = []
     for one in map(contacts.subset, again[:, None]):
         probe = surface_probe(one.points[0], one.normals[0], space, contacts, surface, ())
@@ -236,20 +239,18 @@ def touch_more(
         strategy = replace(strategy, policy=policy)
     start = begin_again(perception, strategy, landmarks, doubted() if moved else PoseBelief.start())
     task = scenario.task.having(prober="dynamic", free=True, fingers="one")
-    prober = make_prober(replace(scenario, task=task))
-    rng = exploration_rng(agent)
+    prober, rng = make_prober(replace(scenario, task=task)), exploration_rng(agent)
     rng.spawn(len(landmarks) + 1)  # the first generators are those of touches before
+    touches = agent.decide.touches
     wanted, lost = len(landmarks) + _MORE_TOUCHES, False
     for state in explore_steps(prober, perception, strategy, rng=rng, start=start):
         probes = len(state.observations)
         for last in state.observations[-1:]:
             if last.is_lost or last.is_joined:
-                wanted, lost = (agent.decide.touches if last.is_lost else 0), last.is_lost
+                wanted, lost = (touches if last.is_lost else 0), last.is_lost
         in_doubt = state.belief is not None and state.belief.trust == "doubted"
         made = len(state.contacts) >= wanted and not in_doubt
-        if made or probes >= _PROBES_PER_TOUCH * (
-            agent.decide.touches if lost else 2 * _MORE_TOUCHES
-        ):
+        if made or probes >= _PROBES_PER_TOUCH * (touches if lost else 2 * _MORE_TOUCHES):
             break
     X_EF = np.eye(4) if state.belief is None else state.belief.X_WE
     scenario, found = scenario.after(state.result, true_pose(prober)), state.known

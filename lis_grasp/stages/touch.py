@@ -9,6 +9,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
+from lis_grasp.arms.use import ArmUse
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import (
     Exploration,
@@ -35,13 +36,12 @@ from lis_grasp.exploration import (
     stop_when_graspable,
 )
 from lis_grasp.exploration.policy import POLICY_NAMES, PolicyKind, find_policy
-from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.contact_sources import prior_contacts
 from lis_grasp.stages.estimate import Perception, SurfaceEstimate
 from lis_grasp.stages.plan import closure_probability
 from lis_grasp.stages.scenario import Scenario
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import FloatArray, IndexArray
 
 # Streams of random numbers: a stage that runs alone repeats its part of a whole run.
 _TOUCH_STREAM = 1
@@ -93,19 +93,20 @@ def make_perception(settings: Perception, prior: Contacts | None = None) -> Tact
 
     `prior` contacts are known before the first touch.
     """
-    held = replace(settings, support_height=None)  # the hand avoids the table itself
+    settings = replace(settings, support_height=None)  # the hand avoids the table by itself
 
     @lru_cache(maxsize=1)  # contacts are judged once: for strays, then for the estimate
     def estimate(contacts: Contacts) -> SurfaceEstimate:
-        return SurfaceEstimate(contacts, held)
+        return SurfaceEstimate(contacts, settings)
+
+    def find_strays(contacts: Contacts) -> IndexArray:
+        return estimate(contacts).verdicts.rows("stray")
 
     return TactilePerception(
         lambda contacts: estimate(contacts).guide,
         prior=prior,
         sensor=settings.sensor,
-        find_strays=None
-        if settings.keep_all
-        else lambda contacts: estimate(contacts).verdicts.rows("stray"),
+        find_strays=None if settings.keep_all else find_strays,
     )
 
 
@@ -113,7 +114,7 @@ def make_strategy(agent: Agent) -> ExplorationStrategy:
     """Return how probes are chosen, without stop rules."""
     decide = agent.decide
     return ExplorationStrategy(
-        make_policy(decide.policy, agent.space, agent.robot.sensor),
+        make_policy(decide.policy, agent.known_space, agent.robot.sensor),
         decide.touches,
         space=agent.space,
         slide=decide.slide if agent.may_slide else 0.0,
@@ -129,9 +130,9 @@ def stop_rules(agent: Agent) -> list[StopRule]:
     """Return new rules that end the exploration of a known space early."""
     decide, rules = agent.decide, []
     if decide.until_coverage is not None:
-        rules.append(stop_when_covered(decide.until_coverage, agent.space))
+        rules.append(stop_when_covered(decide.until_coverage, agent.known_space))
     if decide.until_uncertainty is not None:
-        rules.append(stop_when_certain(decide.until_uncertainty, agent.space))
+        rules.append(stop_when_certain(decide.until_uncertainty, agent.known_space))
     if decide.max_seconds is not None:
         rules.append(stop_after(decide.max_seconds))
     if decide.until_success is not None:

@@ -57,12 +57,11 @@ def measure_exploration(trial: ExplorationTrial, policy: str) -> list[Row]:
     shape, _ = place_object(find_object(trial.object, Setup()), task)
     scenario = pipeline.Scenario.from_config(task, shape, Hand.load(HAND), recorded={"X_EO": None})
     observations, rows = pipeline.touch(scenario).observations, []
-    agent = scenario.agent
-    perception, strategy = make_perception(agent.perception), make_strategy(agent)
+    perception, strategy = make_perception(scenario.agent.perception), make_strategy(scenario.agent)
     for count in counts:
         part_of = replace(strategy, touches=count)
         part = end(part_of, begin(perception, part_of, observations), "").result
-        _, mesh = pipeline.estimate(agent, part.contacts)
+        _, mesh = pipeline.estimate(scenario.agent, part.contacts)
         error, ends = surface_error(mesh, shape, samples=2000), end_errors(mesh, shape.mesh)
         coverage = reachable_coverage(
             shape.mesh,

@@ -27,7 +27,7 @@ PLACE = ObjectPlace(center=(0.0, 0.0, 0.0), size=0.12, support=float(BOX.bounds[
 def _service(folder: Path, **known: Any) -> TouchService:
     config = RunConfig(hand="wsg50", estimator="gpis", policy="spread")
     log = TouchLog(folder / "touches.jsonl", {"hand": "wsg50", "estimator": "gpis"})
-    return TouchService(config, Hand.load("wsg50"), known.pop("place", PLACE), folder, log, **known)
+    return TouchService(Agent.of(config, 0.0), known.pop("place", PLACE), folder, log, **known)
 
 
 def _feel(touch: dict[str, Any]) -> dict[str, Any]:
@@ -52,7 +52,7 @@ def test_each_touch_is_that_of_the_command_with_the_log(tmp_path: Path) -> None:
         recorded = load_observations(tmp_path / "touches.jsonl")
         space = PLACE.space(Contacts.empty())
         config = RunConfig(estimator="gpis", policy="spread")
-        known = Agent.of(config, space, 0.0, hand)
+        known = Agent.of(config, 0.0, space=space, hand=hand)
         alone = next_touch(known, Contacts.empty(), recorded).facts(hand)
         assert {name: touch[name] for name in alone} == alone
         assert service.answer({"request": "next"}) == touch  # asked again, it is the same

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from reachable import reachable
 
-from lis_grasp import Contacts, Task
+from lis_grasp import Contacts, Task, World
 from lis_grasp.exploration import (
     Exploration,
     ExplorationState,
@@ -29,12 +29,12 @@ from lis_grasp.exploration import (
 )
 from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.pipeline import Scenario, Truth
 from lis_grasp.service.touch_service import TouchService
 from lis_grasp.shapes import Shape
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.next_touch import ObjectPlace
 from lis_grasp.stages.regrasp import touch_more
-from lis_grasp.stages.scenario import Scenario, Truth
 from lis_grasp.stages.touch import (
     exploration_rng,
     make_perception,
@@ -45,15 +45,10 @@ from lis_grasp.stages.touch import (
     true_pose,
 )
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
-from lis_grasp.task.world import World
 from lis_grasp.typing import FloatArray
 
 # A ball of 50 g rolls at every touch.
-TASK = Task.of("sphere", known=True, hand="wsg50", free=True, mass=0.05, friction=0.5, touches=3)
-
-
-TRUE = (Truth, Scenario, Shape, SimulatedProber)
-"""Types of what is true."""
+CONFIG = Task.of("sphere", known=True, hand="wsg50", free=True, mass=0.05, friction=0.5, touches=3)
 
 
 @dataclass
@@ -93,7 +88,7 @@ class Peeking:
         rng: np.random.Generator,
     ) -> Probe | None:
         self.watch.given.extend((contacts, surface, outcomes, rng))
-        policy = make_policy("spread", self.space, TASK.robot.sensor)
+        policy = make_policy("spread", self.space, CONFIG.robot.sensor)
         return policy.next_probe(contacts, surface, outcomes=outcomes, rng=rng)
 
 
@@ -108,7 +103,9 @@ def assert_without_truth(given: Sequence[Any], truth: Truth, poses: Sequence[Flo
     assert true
     for part in reachable(*given):
         checked += 1
-        assert not isinstance(part, TRUE), type(part)
+        assert not isinstance(part, Truth | World | Task | Scenario | Shape | SimulatedProber), (
+            type(part)
+        )
         if isinstance(part, np.ndarray) and part.dtype == np.float64:
             assert part.shape != vertices.shape or not np.allclose(part, vertices)
             for X in part.reshape(-1, 4, 4) if part.shape[-2:] == (4, 4) else ():
@@ -129,7 +126,7 @@ class Explored:
 @pytest.fixture(scope="module")
 def explored() -> Explored:
     watch = Watch()
-    scenario = watch.watched(Scenario.from_config(TASK))
+    scenario = watch.watched(Scenario.from_config(CONFIG))
     prober, agent = make_prober(scenario), scenario.agent
     perception = replace(make_perception(agent.perception), tracker=make_tracker(scenario, prober))
     strategy = replace(make_strategy(agent), stop=[watch.stop])
@@ -154,10 +151,10 @@ def test_what_decides_for_the_robot_cannot_reach_the_true_object(explored: Explo
 
 
 def test_the_touch_service_cannot_reach_the_true_object(explored: Explored, tmp_path: Path) -> None:
-    task = Task.of(hand="wsg50", estimator="gpis")
+    task = Task.of(known=True, hand="wsg50", estimator="gpis")
     log, place = TouchLog(tmp_path / "touches.jsonl", {}), ObjectPlace(size=0.12, support=-0.06)
     recorded, hand = explored.states[-1].observations, explored.scenario.agent.hand
-    service = TouchService(task, hand, place, tmp_path, log, recorded=recorded)
+    service = TouchService(Agent.of(task, 0.0, hand=hand), place, tmp_path, log, recorded=recorded)
     given = [service, service.answer({"request": "next"})]
     assert_without_truth(given, explored.scenario.truth, explored.poses)
 
@@ -186,7 +183,7 @@ def test_no_record_of_the_robot_has_a_field_of_the_true_object() -> None:
         if record in seen:
             continue
         seen.add(record)
-        assert record not in (*TRUE, World, Task, LoggedProbe)
+        assert record not in (Truth, World, Task, Scenario, Shape, LoggedProbe, SimulatedProber)
         for name, hint in get_type_hints(record).items():
             assert not {"true", "truth", "simulated"} & set(name.split("_")), f"{record}: {name}"
             records += _classes_in(hint)
@@ -202,7 +199,7 @@ def _classes_in(hint: Any) -> list[Any]:
 
 def test_what_is_true_is_found_where_it_is() -> None:
     # The walk that finds none in what the robot gets finds it in a simulator's prober.
-    scenario = Scenario.from_config(TASK).moved(planar_pose(np.array([0.1, 0.2, 0.3])))
+    scenario = Scenario.from_config(CONFIG).moved(planar_pose(np.array([0.1, 0.2, 0.3])))
     prober, X_EO = make_prober(scenario), scenario.truth.X_EO
     parts = list(reachable({"prober": [lambda: prober]}))
     assert any(isinstance(part, SimulatedProber) for part in parts)
