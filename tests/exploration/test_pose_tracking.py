@@ -39,7 +39,7 @@ from lis_grasp.exploration.policy import farthest
 from lis_grasp.geometry import apply_inverse
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp.stages.scenario import workspace
+from lis_grasp.stages.scenario import known_place
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
 
 ALONG_X = Push(np.array([1.0, 0.0, 0.0]), np.diag([1.0, 1.0, 400.0]))
@@ -265,7 +265,7 @@ def explored(name: str, motion: Motion, *, tracked: bool) -> tuple[Exploration, 
     """Explore an object that moves; return the root mean square error of its contacts [m]."""
     shape = shapes.build(name, None)
     prober = MovingObjectProber(Hand.load("allegro"), shape, motion)
-    space = workspace(shape, on_table=True)
+    space = known_place(shape, on_table=True)
     exploration = explore(
         prober,
         TactilePerception(ESTIMATORS["blend"], tracker=PoseTracker() if tracked else None),
