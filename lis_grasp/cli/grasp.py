@@ -30,11 +30,9 @@ _ON_LIS = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     opt.add_mesh(parser)
-    parser.add_argument(
-        "--support",
-        type=float,
-        metavar="METRES",
-        help="height of the plane below the object (default: as recorded: of an estimate, that of"
+    opt.add_support(
+        parser,
+        "height of the plane below the object (default: as recorded: of an estimate, that of"
         " the table, else of the lowest contact; of another MESH its lowest point)",
     )
     parser.add_argument(

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, get_args
 
 from lis_grasp.cli.progress import with_flags
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.pipeline.conditions import IDEAL_SENSOR, KNOWN, UNKNOWN
 from lis_grasp.pipeline.contact_sources import ContactSource
 from lis_grasp.pipeline.option import Option, kind_of, options_of
 from lis_grasp.pipeline.run_config import ARM, GRASPING, SENSOR, SURFACE, TOUCHING, RunConfig
 from lis_grasp.shapes import STABLE, UNITS
-from lis_grasp.surfaces.contact_loading import NormalSide
+from lis_grasp.surfaces.contact_checks import NormalSide
 
 _GROUPS = (TOUCHING, SENSOR, SURFACE, GRASPING, ARM)
 
@@ -155,6 +155,19 @@ def add_object(parser: argparse.ArgumentParser, *, required_name: bool = True) -
     else:
         parser.add_argument("--object", metavar="OBJECT", help=f"{text} (default: as recorded)")
     add_options(parser, "size", "units", "up")
+
+
+def add_support(parser: argparse.ArgumentParser, meaning: str) -> None:
+    """Add the height of the table under the object."""
+    parser.add_argument("--support", type=_height, metavar="METRES", help=meaning)
+
+
+def _height(text: str) -> float | str:
+    try:
+        return text if text == "none" else float(text)
+    except ValueError:
+        message = f"must be a number, or none; it is {shown(text)}"
+        raise argparse.ArgumentTypeError(message) from None
 
 
 def add_output(parser: argparse.ArgumentParser, default: str) -> None:

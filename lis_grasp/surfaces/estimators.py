@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
+import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, nearest_or_all, note
@@ -16,6 +17,12 @@ from lis_grasp.io.units import LARGEST
 from lis_grasp.plugins import Guarded, Registry, errors_of
 from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import above_table, carved, standing_on
+from lis_grasp.surfaces.contact_checks import (
+    NormalSide,
+    doubt_of_side,
+    doubt_of_table,
+    turned_outward,
+)
 from lis_grasp.surfaces.contact_verdicts import judge_contacts
 from lis_grasp.surfaces.gaussian_process_implicit_surface import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
@@ -75,6 +82,7 @@ class PluggedEstimator:
         self._require_members(surface)
         plugged: Any = Guarded(self.name, surface)
         self._require_shapes(plugged, contacts)
+        require_signs(plugged, contacts, self.name)
         return cast(ImplicitSurface, plugged)
 
     def _require_members(self, surface: Any) -> None:
@@ -109,6 +117,7 @@ def estimate(
     margin: float = 0.0,
     table: float | None = None,
     keep_all: bool = False,
+    normals: NormalSide | None = None,
     **options: Any,
 ) -> ImplicitSurface:
     """Estimate the surface of an object from contacts.
@@ -129,6 +138,8 @@ def estimate(
         from below, and walls that were touched near it go on down to it.
     keep_all
         Whether all contacts are believed, those that the others contradict too.
+    normals
+        Side that the normals point to, as of `load_contacts`; None requires outward ones.
     options
         Those of the estimator: keywords of its `from_contacts`, such as ``position_noise`` [m]
         and ``normal_noise`` [rad].
@@ -138,7 +149,7 @@ def estimate(
     InvalidOptionError
         If there is no such estimator, or an option is out of range.
     EstimationError, InvalidContactsError
-        If no surface can be estimated from the contacts.
+        If no surface can be estimated from the contacts, or their normals point inward.
 
     Examples
     --------
@@ -160,14 +171,37 @@ def estimate(
         raise TypeError(f"estimate with {estimator} has no option '{name}'{nearest}")
     if contacts.extent > LARGEST:
         note(f"contacts are in metres, and these are {contacts.extent:.3g} m apart: check the unit")
-    if doubt := few_contacts(contacts):
+    contacts = turned_outward(contacts, normals)
+    side = doubt_of_side(contacts) if normals is None else ""
+    for doubt in filter(None, (few_contacts(contacts), side, doubt_of_table(contacts, table))):
         note(doubt)
     contacts = replace(contacts, judged=True) if keep_all else contacts
     known = contacts if table is None else standing_on(judge_contacts(contacts).credible, table)
     surface = make(known, **options)
+    if make not in ESTIMATORS.values():
+        require_signs(surface, known, getattr(make, "__qualname__", type(make).__name__))
     if free_space:
         surface = carved(surface, contacts, margin=margin)
     return above_table(surface, table)
+
+
+def require_signs(surface: ImplicitSurface, contacts: Contacts, name: str) -> None:
+    """Raise `InvalidOptionError` if an estimator's surface is inside out.
+
+    The corners of its bounds are outside of the object, where f is positive, and its gradient
+    points outward at the contacts. None of either is as it must be if a sign is wrong.
+    """
+    corners = trimesh.bounds.corners(np.asarray(surface.bounds))
+    slopes = np.sum(np.asarray(surface.gradient(contacts.points)) * contacts.normals, axis=1)
+    wrong = ""
+    if np.all(np.asarray(surface.evaluate(corners)) < 0.0):
+        wrong = "evaluate must return values above 0 outside of the object; they are below 0"
+    elif len(slopes) and np.all(slopes < 0.0):
+        wrong = "gradient must point out of the object; it points inward at every contact"
+    if wrong:
+        raise InvalidOptionError(
+            f"estimator '{name}': {wrong}: change its sign", option="estimator", value=name
+        )
 
 
 def few_contacts(contacts: Contacts) -> str:
