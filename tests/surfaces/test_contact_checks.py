@@ -14,13 +14,13 @@ from lis_grasp import Contacts, estimate, extract_mesh, load_contacts, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGraspWarning
 from lis_grasp.io.surface_files import load_surface
-from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.surfaces import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.contact_checks import (
     doubt_of_table,
     fraction_in_front,
     require_outward_normals,
 )
+from lis_grasp.task.recorded_facts import read_facts
 from lis_grasp_studies.test_objects.shape_sets import TEST_OBJECTS, graspable_shape
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])

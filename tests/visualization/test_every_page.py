@@ -19,6 +19,7 @@ from touch_recording import RADIUS, record, write_csv
 from lis_grasp import pipeline
 from lis_grasp.cli.main import main
 from lis_grasp.pipeline import RunConfig
+from lis_grasp.results.page import write_scene_of
 from lis_grasp.robots.shipped_models import HAND_NAMES
 from lis_grasp.visualization import Scene
 
@@ -92,7 +93,7 @@ def test_every_writer_of_pages_is_tested_here() -> None:
 def test_results_are_drawn(browser: Browser, results: Path, folder: str) -> None:
     page = results / folder / "scene.html"
     if not page.exists():
-        pipeline.run_scene.write_scene_of(page.parent)  # as `lis-grasp view` does
+        write_scene_of(page.parent)  # as `lis-grasp view` does
     assert drawn(browser, page).mean() > 0.005
 
 
@@ -149,7 +150,7 @@ def test_contacts_of_a_log_are_drawn(browser: Browser, tmp_path: Path) -> None:
     log = write_csv(record(), tmp_path / "log.csv")
     command = ["contacts", str(log), "--tip", "tip", "--object-pose", "object", "--tip-radius"]
     assert main([*command, str(RADIUS), "--output", str(tmp_path / "out")]) == 0
-    pipeline.run_scene.write_scene_of(tmp_path / "out")
+    write_scene_of(tmp_path / "out")
     assert drawn(browser, tmp_path / "out" / "scene.html").mean() > 5e-4
 
 
