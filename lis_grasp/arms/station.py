@@ -13,6 +13,7 @@ from lis_grasp.arms.reach import ReachFilter
 from lis_grasp.exceptions import InvalidHandError, InvalidOptionError
 from lis_grasp.geometry import (
     apply_pose,
+    as_pose,
     cross,
     frame_along,
     inverse_pose,
@@ -184,7 +185,7 @@ class Station:
         cls, arm: Arm, hand: Hand, X_WA: npt.ArrayLike, *, table: Table | None = None
     ) -> Station:
         """Return the station of an arm and a hand, the hand mounted as by `mount_of`."""
-        return cls(arm, hand, np.asarray(X_WA, np.float64), mount_of(arm, hand), table)
+        return cls(arm, hand, as_pose(X_WA), mount_of(arm, hand), table)
 
     def __post_init__(self) -> None:
         X_WA = require_pose("X_WA", self.X_WA)
@@ -206,7 +207,7 @@ class Station:
 
     def moved(self, X_WA: npt.ArrayLike) -> Station:
         """Return the same station with its base at another pose (4, 4)."""
-        return replace(self, X_WA=np.asarray(X_WA, np.float64))
+        return replace(self, X_WA=as_pose(X_WA))
 
     @cached_property
     def X_FH(self) -> FloatArray:
@@ -248,4 +249,4 @@ class Station:
 
     def _flange_targets(self, X_WH: npt.ArrayLike) -> FloatArray:
         to_base, to_flange = inverse_pose(self.X_WA), inverse_pose(self.X_FH)
-        return np.asarray(to_base @ np.asarray(X_WH, np.float64) @ to_flange)
+        return np.asarray(to_base @ as_pose(X_WH) @ to_flange)

@@ -60,6 +60,12 @@ class Run(metaclass=Answering):
         outcome = "not lifted" if self.lift is None else self.lift["reason"]
         return f"Run('{self.folder}', {self.contacts}, {planned} grasps, {outcome})"
 
+    def _repr_html_(self) -> str:
+        """Return the page of the run in a frame, which a notebook displays."""
+        from lis_grasp.results.page import scene_of
+
+        return scene_of(self.folder)._repr_html_()
+
     @classmethod
     def load(cls, folder: Path | str) -> Run:
         """Return the results in a folder, of a run or of single stages.

@@ -6,6 +6,7 @@ Their size must be plausible, and their normals must point outward (`surfaces.co
 from __future__ import annotations
 
 from dataclasses import replace
+from os import PathLike
 from pathlib import Path
 from typing import get_args
 
@@ -81,6 +82,11 @@ def load_contacts(
     >>> len(load_contacts("contacts.csv", units="m"))
     6
     """
+    if not isinstance(path, (str, PathLike)):
+        raise TypeError(
+            f"load_contacts reads a file, and this is of type {type(path).__name__}: write"
+            " Contacts(points, normals), or surfaces.estimate_normals(points) without normals"
+        )
     if normals not in (None, *get_args(NormalSide)):
         raise InvalidOptionError.not_one_of("normals", normals, get_args(NormalSide))
     fields, units = in_metres(Path(path), read_point_file(Path(path)), units)

@@ -22,7 +22,7 @@ from lis_grasp.surfaces._kernels import (
     ThinPlate,
 )
 from lis_grasp.surfaces.contact_preparation import PreparedContacts, prepare_contacts
-from lis_grasp.surfaces.queries import flat_points, map_rows, require_range
+from lis_grasp.surfaces.queries import Predicting, flat_points, map_rows, require_range
 from lis_grasp.typing import FloatArray, IndexArray
 
 KernelName = Literal["rbf", "matern52", "matern72", "thin_plate"]
@@ -59,7 +59,7 @@ _LEAST_AXIS = 0.15
 
 
 @dataclass(frozen=True, eq=False)
-class GaussianProcessImplicitSurface(metaclass=Answering):
+class GaussianProcessImplicitSurface(Predicting, metaclass=Answering):
     """The posterior mean of a GP conditioned on value 0 and the normal as gradient at contacts.
 
     f(x) = mean + k_*^T (K + noise)^-1 (targets - mean)                                   (eq. 3)

@@ -18,7 +18,7 @@ from lis_grasp.surfaces.gaussian_process_implicit_surface import (
     MOST_FOR_SETTINGS,
     GaussianProcessImplicitSurface,
 )
-from lis_grasp.surfaces.queries import flat_points
+from lis_grasp.surfaces.queries import Predicting, flat_points
 from lis_grasp.typing import FloatArray
 
 # Length of the kernel in largest distances between two contacts, and whether it is stretched; None
@@ -43,7 +43,7 @@ _DOUBT = 0.35
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothImplicitSurface(metaclass=Answering):
+class SmoothImplicitSurface(Predicting, metaclass=Answering):
     """A Gaussian process for shapes without edges, smoother than `gpis`.
 
     f = bound + v (free - bound)

@@ -16,7 +16,7 @@ from lis_grasp.exceptions import require_positive
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import GENTLE_SPEED, PROBE_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.geometry import apply_pose, inverse_pose, rotate
+from lis_grasp.geometry import apply_pose, as_pose, inverse_pose, rotate
 from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.lifting.scene import ArmStoppedError
 from lis_grasp.probing.course import Course, Leg, path_back, path_out
@@ -114,7 +114,7 @@ class DynamicProber:
 
     def place_object(self, X_EO: FloatArray) -> None:
         """Place the true object, free and at rest, at a pose, shape (4, 4): that of a record."""
-        self._X_EO = read_only(np.array(X_EO, dtype=np.float64))
+        self._X_EO = read_only(as_pose(X_EO).copy())
 
     def move_frame(self, X_EF: FloatArray) -> None:
         """Give later probes in a frame F with pose X_EF, shape (4, 4), about the vertical axis."""
