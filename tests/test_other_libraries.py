@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -131,7 +132,7 @@ def test_a_surface_is_called_and_predicts(name: str, height: float | None) -> No
     assert_array_equal(deviation, surface.uncertainty(points))
 
 
-def test_a_notebook_displays_contacts_and_grasps() -> None:
+def test_a_notebook_displays_contacts_grasps_and_runs(tmp_path: Path) -> None:
     shown = CONTACTS._repr_html_()
     picture = ElementTree.fromstring(shown[: shown.index("</svg>") + 6])
     circles = picture.findall(".//{http://www.w3.org/2000/svg}circle")
@@ -141,6 +142,11 @@ def test_a_notebook_displays_contacts_and_grasps() -> None:
     assert np.all((places > 0.0) & (places < size))
     assert len(shown) < 3000
     assert "<circle" not in Contacts.empty()._repr_html_()
+    run = lg.Run(tmp_path, {}, CONTACTS, None, None, None, None)
+    assert "<iframe" not in run._repr_html_()
+    (tmp_path / "scene.html").write_text("<b>page</b>")
+    frame = ElementTree.fromstring(run._repr_html_())
+    assert frame.get("srcdoc") == "<b>page</b>"
     table = ElementTree.fromstring(SEARCH._repr_html_())
     assert len(table.findall("./tbody/tr")) == 2
     assert "3" in GraspSearch((), {"collision": 3}, 3)._repr_html_()

@@ -26,18 +26,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(execute=execute)
 
 
-def execute(options: argparse.Namespace) -> None:
-    """Run every stage, and print the summary, for each object."""
+def execute(options: argparse.Namespace) -> int:
+    """Run every stage, and print the summary, for each object.
+
+    Returns 0, or 1 if no grasp was found for one of them.
+    """
     if options.more:
-        _run_each(options, [options.object, *options.more], options.output or _SEVERAL)
-        return
+        return _run_each(options, [options.object, *options.more], options.output or _SEVERAL)
     config = opt.configure_touch(options)
     folder = results_folder(config, options.output)
     with watched(folder if options.watch else None):
-        _run(config, folder, fresh=options.fresh)
+        return _run(config, folder, fresh=options.fresh)
 
 
-def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> None:
+def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> int:
     names = [Path(name).stem for name in objects]
     if options.watch or len({*names}) < len(names):
         raise InvalidOptionError(
@@ -47,23 +49,26 @@ def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> 
     folders = [results_folder(c, output / n) for c, n in zip(configs, names, strict=True)]
     for config in configs:
         find_object(config)
-    failed = []
+    failed, code = [], 0
     for name, config, folder in zip(names, configs, folders, strict=True):
         try:
-            _run(config, folder, fresh=options.fresh)
+            code = _run(config, folder, fresh=options.fresh) or code
         except LisGraspError as error:
             failed.append(name)
             complain(f"{name}: {error}")
     if failed:
         of = f"of {counted(len(names), 'object')}, {len(failed)} failed"
         raise EstimationError(f"{of}: {', '.join(failed)}")
+    return code
 
 
-def _run(config: pipeline.RunConfig, folder: Path, *, fresh: bool) -> None:
+def _run(config: pipeline.RunConfig, folder: Path, *, fresh: bool) -> int:
     run = pipeline.run(config, folder, progress=PRINTED, fresh=fresh)
-    if run.grasps is not None and not run.grasps.grasps:
+    found = run.grasps is None or len(run.grasps) > 0
+    if run.grasps is not None and not found:
         say_search(run.grasps)
     for line in run_lines(run.report or {}):
         say(line)
     say(f"wrote {run.folder}/contacts.ply, surface.ply, grasps.json, report.json, scene.html")
     say(f"next: open {run.folder}/scene.html, or: lis-grasp view {run.folder}")
+    return 0 if found else 1

@@ -39,6 +39,7 @@ from lis_grasp.stages.lift import lift_each, process_count, require_simulator
 from lis_grasp.stages.next_touch import NO_TABLE, ObjectPlace
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.surfaces.contact_checks import doubt_of_side, doubt_of_table
+from lis_grasp.surfaces.estimators import require_noise_below_size
 from lis_grasp.task.recorded_facts import read_facts
 from lis_grasp.task.run_config import HEIGHT, RunConfig, require_used
 from lis_grasp.typing import FloatArray
@@ -115,6 +116,7 @@ def estimate_file(
         raise InvalidContactsError(f"{paths[0]} has no contacts: add at least one row")
     noise = {n: getattr(sources[0], n) for n in NOISE if len({getattr(s, n) for s in sources}) == 1}
     config = RunConfig.from_facts({"estimator": None, **noise, **options}, recorded)
+    require_noise_below_size(contacts, config.position_noise)
     place, known = _table_of(support, config, recorded)
     folder = paths[0].parent if folder is None else folder
     is_kept = _require_contacts_fit(folder, contacts, paths)

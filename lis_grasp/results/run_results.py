@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -61,10 +62,13 @@ class Run(metaclass=Answering):
         return f"Run('{self.folder}', {self.contacts}, {planned} grasps, {outcome})"
 
     def _repr_html_(self) -> str:
-        """Return the page of the run in a frame, which a notebook displays."""
-        from lis_grasp.results.page import scene_of
+        """Return the page of the run in a frame, which a notebook displays; else its text."""
+        from lis_grasp.visualization.scene import framed
 
-        return scene_of(self.folder)._repr_html_()
+        page = self.folder / "scene.html"
+        if not page.is_file():
+            return f"<code>{escape(repr(self))}</code>"
+        return framed(page.read_text(encoding="utf-8"), str(self.folder))
 
     @classmethod
     def load(cls, folder: Path | str) -> Run:

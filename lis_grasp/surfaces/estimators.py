@@ -171,6 +171,7 @@ def estimate(
         raise TypeError(f"estimate with {estimator} has no option '{name}'{nearest}")
     if contacts.extent > LARGEST:
         note(f"contacts are in metres, and these are {contacts.extent:.3g} m apart: check the unit")
+    require_noise_below_size(contacts, options.get("position_noise"))
     contacts = turned_outward(contacts, normals)
     side = doubt_of_side(contacts) if normals is None else ""
     for doubt in filter(None, (few_contacts(contacts), side, doubt_of_table(contacts, table))):
@@ -202,6 +203,20 @@ def require_signs(surface: ImplicitSurface, contacts: Contacts, name: str) -> No
         raise InvalidOptionError(
             f"estimator '{name}': {wrong}: change its sign", option="estimator", value=name
         )
+
+
+def require_noise_below_size(contacts: Contacts, position_noise: float | None) -> None:
+    """Raise `InvalidOptionError` if noise [m] is as large as many contacts are far apart."""
+    if position_noise is None or len(contacts) < FEW_CONTACTS or not contacts.extent:
+        return
+    if position_noise < contacts.extent:
+        return
+    raise InvalidOptionError.out_of_range(
+        "position_noise",
+        position_noise,
+        f"in metres, and below the {contacts.extent:.3g} m that the contacts are apart;"
+        f" {position_noise:g} mm are {1e-3 * position_noise:g} m",
+    )
 
 
 def few_contacts(contacts: Contacts) -> str:

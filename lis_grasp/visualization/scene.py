@@ -224,10 +224,7 @@ class Scene(metaclass=Answering):
 
     def _repr_html_(self) -> str:
         """Return the page in a frame, which a notebook displays without a running kernel."""
-        return (
-            f'<iframe srcdoc="{escape(self.html())}" title="{escape(self.title)}"'
-            ' style="width: 100%; height: 640px; border: 0; border-radius: 8px"></iframe>'
-        )
+        return framed(self.html(), self.title)
 
     def _object_points(self) -> FloatArray:
         """Return points of the true object, else of the estimate, else the contacts, (N, 3) [m]."""
@@ -291,3 +288,11 @@ class _ShownHand:
     around: FloatArray = field(default_factory=lambda: _NOTHING)  # of all grasps
     standing: FloatArray = field(default_factory=lambda: _NOTHING)  # of the arm at home
     moved: FloatArray = field(default_factory=lambda: _NOTHING)  # in the lift
+
+
+def framed(page: str, title: str) -> str:
+    """Return a page in a frame, as HTML for a notebook."""
+    return (
+        f'<iframe srcdoc="{escape(page)}" title="{escape(title)}"'
+        ' style="width: 100%; height: 640px; border: 0; border-radius: 8px"></iframe>'
+    )

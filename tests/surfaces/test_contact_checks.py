@@ -128,6 +128,25 @@ def test_the_command_closes_an_estimate_at_the_table_as_python_does(bottle: Path
     assert main(["grasp", str(bottle.with_name("surface.ply")), "--grasps", "1"]) in (0, 1)
 
 
+def test_noise_as_large_as_the_object_is_refused(bottle: Path) -> None:
+    contacts = load_contacts(bottle)
+    with pytest.raises(InvalidOptionError) as error:
+        estimate(contacts, "gpis", position_noise=0.5)
+    assert (error.value.option, error.value.value) == ("position_noise", 0.5)
+    assert main(["estimate", str(bottle), "--position-noise", "0.5"]) == 2
+    estimate(contacts[:2], "gpis", position_noise=0.5)  # two touches may be nearer than noise
+
+
+def test_a_search_without_a_grasp_ends_with_code_1(
+    bottle: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["estimate", str(bottle), "--support", "0", "--estimator", "gpis"]) == 0
+    surface = str(bottle.with_name("surface.ply"))
+    assert main(["grasp", surface, "--support", "0.5", "--hand", "wsg50"]) == 1
+    assert "lis-grasp lift" not in capsys.readouterr().out.splitlines()[-1]
+    assert main(["grasp", surface, "--support", "none"]) == 2
+
+
 @pytest.mark.slow
 def test_the_side_of_normals_is_seldom_mistaken() -> None:
     # At random over the whole object, near one place, and from above, as in the documentation.
