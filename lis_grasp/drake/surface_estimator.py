@@ -123,7 +123,11 @@ class SurfaceEstimator(LeafSystem):
     ) -> None:
         super().__init__()
         perception = Perception(
-            estimator=estimator, sensor=noise or TactileSensor(), free_space=free_space, table=table
+            estimator=estimator,
+            sensor=noise or TactileSensor(),
+            free_space=free_space,
+            table=table,
+            normals="outward",  # those of a TouchSensor
         )
         make_estimator(estimator, perception.sensor)  # an unknown name is an error now
         empty = Contacts.empty()

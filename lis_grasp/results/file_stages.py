@@ -38,7 +38,7 @@ from lis_grasp.stages.contact_sources import ContactSource, join_sources, read_s
 from lis_grasp.stages.lift import lift_each, process_count, require_simulator
 from lis_grasp.stages.next_touch import NO_TABLE, ObjectPlace
 from lis_grasp.stages.scenario import Scenario
-from lis_grasp.surfaces.contact_checks import doubt_of_side, doubt_of_table
+from lis_grasp.surfaces.contact_checks import doubt_of_side
 from lis_grasp.surfaces.estimators import require_noise_below_size
 from lis_grasp.task.recorded_facts import read_facts
 from lis_grasp.task.run_config import HEIGHT, RunConfig, require_used
@@ -122,7 +122,7 @@ def estimate_file(
     is_kept = _require_contacts_fit(folder, contacts, paths)
     checked = "object" in recorded or any(source.normals or source.viewpoint for source in sources)
     warnings = list(recorded.get("warnings") or ())
-    for line in _findings(contacts, paths, known.table, checked=checked):
+    for line in _findings(contacts, paths, checked=checked):
         progress.say(line)
         warnings += [line.removeprefix(_WARNING)] if line.startswith(_WARNING) else []
     if doubt := place.doubt(contacts):
@@ -352,9 +352,7 @@ def _require_contacts_fit(folder: Path, contacts: Contacts, sources: Sequence[Pa
     return False
 
 
-def _findings(
-    contacts: Contacts, paths: Sequence[Path], table: float | None, *, checked: bool
-) -> Iterator[str]:
+def _findings(contacts: Contacts, paths: Sequence[Path], *, checked: bool) -> Iterator[str]:
     """Yield the extent of contacts, the certainty of estimated normals, and warnings."""
     yield f"contacts: {len(contacts)} within {millimetres(np.ptp(contacts.bounds, axis=0))}"
     files = [file for file in map(read_point_file, paths) if file["normals"] is None]
@@ -363,9 +361,9 @@ def _findings(
         have_all = all(file["approach"] is not None for file in files)
         advice = "" if have_all else "; directions of approach in columns ax,ay,az make it smaller"
         yield f"normals: estimated, with a median standard deviation of {degrees:.0f} deg{advice}"
-    for doubt in ("" if checked else doubt_of_side(contacts), doubt_of_table(contacts, table)):
-        if doubt:
-            yield f"{_WARNING}{doubt}"
+    doubt = "" if checked else doubt_of_side(contacts)
+    if doubt:
+        yield f"{_WARNING}{doubt}"
 
 
 def millimetres(extents: FloatArray) -> str:

@@ -25,6 +25,7 @@ from lis_grasp.shapes.loading import load_obstacles
 from lis_grasp.shapes.object_mass import USUAL_FRICTION, USUAL_MASS, published_mass
 from lis_grasp.stages.contact_sources import ContactSource, load_source
 from lis_grasp.surfaces import ContactVerdicts, Estimator, judge_contacts
+from lis_grasp.surfaces.contact_checks import NormalSide
 from lis_grasp.task.run_config import RunConfig
 from lis_grasp.typing import FloatArray
 
@@ -53,6 +54,8 @@ class Perception:
     free_space: bool = True  #: whether the contacts' free space is removed from the estimate
     keep_all: bool = False  #: whether contacts that the others contradict are believed
     table: float | None = None  #: height of a table that closes it from below [m]
+    #: side that normals point to; None requires outward ones, which files and simulations checked
+    normals: NormalSide | None = None
 
     @classmethod
     def from_config(cls, config: RunConfig, support: float | None) -> Perception:
@@ -63,6 +66,7 @@ class Perception:
             free_space=config.free_space,
             keep_all=config.keep_all,
             table=_table(config, support),
+            normals="outward",
         )
 
     def judge(self, contacts: Contacts) -> ContactVerdicts:

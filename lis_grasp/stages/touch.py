@@ -102,6 +102,7 @@ def estimate(known: Perception, contacts: Contacts) -> tuple[ImplicitSurface, tr
         free_space=known.free_space,
         margin=known.sensor.free_margin,
         table=known.table,
+        normals=known.normals,
     )
     return surface, extract_mesh(surface, touched=contacts.points)
 

@@ -179,7 +179,7 @@ def estimate(
     contacts = replace(contacts, judged=True) if keep_all else contacts
     known = contacts if table is None else standing_on(judge_contacts(contacts).credible, table)
     surface = make(known, **options)
-    if make not in ESTIMATORS.values():
+    if normals is None and make not in ESTIMATORS.values():
         require_signs(surface, known, getattr(make, "__qualname__", type(make).__name__))
     if free_space:
         surface = carved(surface, contacts, margin=margin)

@@ -77,6 +77,7 @@ def estimate(trial: Trial, estimator: str, contacts: Contacts) -> trimesh.Trimes
         known.judge(contacts).credible if config.free else contacts,
         find_estimator(estimator, registry=COMPARED),
         free_space=config.free,
+        normals="outward",
         margin=known.sensor.free_margin,
         table=known.table if config.free else None,
         **parse_noise(trial.noise).options(),

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 import trimesh
 
-from lis_grasp import Contacts, estimate, extract_mesh, load_contacts, shapes
+from lis_grasp import Contacts, estimate, extract_mesh, load_contacts, pipeline, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGraspWarning
 from lis_grasp.io.surface_files import load_surface
@@ -83,6 +83,18 @@ class InsideOut(GaussianProcessImplicitSurface):
 class Inward(GaussianProcessImplicitSurface):
     def gradient(self, points: npt.ArrayLike) -> np.ndarray:
         return -super().gradient(points)
+
+
+def test_stages_check_contacts_of_ones_own() -> None:
+    inward = flipped(Contacts(0.03 * AXES, AXES))
+    with pytest.raises(InvalidContactsError):
+        pipeline.estimate(pipeline.Perception(estimator="gpis"), inward)
+
+
+def test_a_warning_names_the_line_that_called_the_package() -> None:
+    with pytest.warns(LisGraspWarning) as told:
+        estimate(Contacts(0.03 * AXES, AXES), "gpis")
+    assert {warning.filename for warning in told} == {__file__}
 
 
 @pytest.mark.parametrize("kind", [InsideOut, Inward])
