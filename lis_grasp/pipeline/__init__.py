@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from lis_grasp.results.page import Watched as Watched
     from lis_grasp.results.progress import SILENT as SILENT
     from lis_grasp.results.progress import Progress as Progress
+    from lis_grasp.results.progress_bars import Bars as Bars
     from lis_grasp.results.run_results import Run as Run
     from lis_grasp.results.whole_run import run as run
     from lis_grasp.stages.agent import Known as Known
@@ -44,6 +45,7 @@ _HOMES = {
     "results.labels": "label_file",
     "results.page": "Watched",
     "results.progress": "SILENT Progress",
+    "results.progress_bars": "Bars",
     "results.run_results": "Run",
     "results.whole_run": "run",
     "stages.agent": "Known Perception",

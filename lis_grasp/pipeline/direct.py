@@ -19,6 +19,7 @@ from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.exploration import Exploration
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.outcome import LiftOutcome
+from lis_grasp.results.progress import SILENT, Progress
 from lis_grasp.results.run_results import Run
 from lis_grasp.results.whole_run import run as run_with_files
 from lis_grasp.robots.hand import Hand
@@ -52,11 +53,12 @@ def run(
     *,
     folder: Path | str | None = None,
     fresh: bool = False,
+    progress: Progress = SILENT,
     **options: Any,
 ) -> Run:
     """Run every stage on an object, with a folder of results.
 
-    `pipeline.run` is the same for a `RunConfig`, and reports progress. The conditions are the
+    `pipeline.run` is the same for a `RunConfig`. The conditions are the
     defaults of `RunConfig`, those of ``lis-grasp run --known``; the command's own are
     ``run("box", **pipeline.conditions.UNKNOWN)``.
 
@@ -70,6 +72,8 @@ def run(
         Folder of results; None for one in ``results/`` that is named after the configuration.
     fresh
         Explore from the beginning in any case.
+    progress
+        Gets a message for every stage and step: `pipeline.Bars()` shows bars.
     options
         Fields of `RunConfig`, which replace those of a configuration. The usual ones are
         ``touches``, ``seed``, ``estimator``, ``prober``, ``friction``, ``mass`` [kg], ``size`` [m],
@@ -98,7 +102,7 @@ def run(
     config = object if isinstance(object, RunConfig) else RunConfig(object=str(object))
     config = replace(config, **options)
     config = config if hand is None else replace(config, hand=str(hand))
-    return run_with_files(config, folder, fresh=fresh)
+    return run_with_files(config, folder, progress=progress, fresh=fresh)
 
 
 def explore(
