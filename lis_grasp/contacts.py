@@ -75,7 +75,7 @@ class Contacts(ByValue, Record, metaclass=Answering):
     Examples
     --------
     Contacts are sliced and joined like a sequence; each item is contacts of one. As an array they
-    are rows of point and normal; equal are those with equal fields.
+    are rows of point and normal.
 
     >>> import numpy as np
     >>> axes = np.vstack([np.eye(3), -np.eye(3)])

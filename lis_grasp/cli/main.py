@@ -56,6 +56,9 @@ _VERBS = (
 )
 _CORE_VERBS = tuple(name for name, _, _ in _VERBS)
 
+# What other programs and the functions of Python call options.
+_GUESSED = dict.fromkeys(("--table", "--support-height", "--ground"), "--support")
+
 # Exit code of a program whose reader has ended, as of a shell: 128 and the number of SIGPIPE.
 _READER_ENDED = 141
 
@@ -84,7 +87,8 @@ class _Parser(argparse.ArgumentParser):
         known, unknown = super().parse_known_args(args, namespace)
         if unknown:
             options = re.findall(r"--[\w-]+", self.format_usage())
-            suggestion = nearest_of(unknown[0].partition("=")[0], options)
+            flag = unknown[0].partition("=")[0]
+            suggestion = nearest_of(_GUESSED.get(flag, flag), options)
             self.error(f"unrecognized arguments: {' '.join(unknown)}{suggestion}")
         return known, unknown
 

@@ -7,7 +7,6 @@ from typing import Any
 
 from lis_grasp.exceptions import require_packages
 
-
 _COUNTED = "{desc} |{bar:20}| {n_fmt}/{total_fmt} {elapsed}{postfix}"
 
 
