@@ -123,7 +123,7 @@ def test_drake_s_own_pose_is_one() -> None:
 @pytest.mark.parametrize("name", ["blend", "gpis", "smooth", "lis", "patch"])
 @pytest.mark.parametrize("height", [None, -0.03])
 def test_a_surface_is_called_and_predicts(name: str, height: float | None) -> None:
-    surface = lg.estimate(CONTACTS, name, table=height)
+    surface = lg.estimate(CONTACTS, name, support_height=height)
     points = np.random.default_rng(0).uniform(-0.04, 0.04, (5, 3))
     assert_array_equal(surface(points), surface.evaluate(points))
     assert_array_equal(surface.predict(points), surface.evaluate(points))

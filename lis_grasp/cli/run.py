@@ -5,15 +5,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, complain, say, say_search
 from lis_grasp.cli.view import watched
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, LisGraspError, counted
 from lis_grasp.results.folder import results_folder
 from lis_grasp.results.summary import run_lines
+from lis_grasp.results.whole_run import run_task
 from lis_grasp.stages.scenario import find_object
-from lis_grasp.task.run_config import LIFTING
+from lis_grasp.task.task import LIFTING, Task
 
 _SEVERAL = Path("results/objects")
 
@@ -33,10 +33,10 @@ def execute(options: argparse.Namespace) -> int:
     """
     if options.more:
         return _run_each(options, [options.object, *options.more], options.output or _SEVERAL)
-    config = opt.configure_touch(options)
-    folder = results_folder(config, options.output)
+    task = opt.configure_touch(options)
+    folder = results_folder(task, options.output)
     with watched(folder if options.watch else None):
-        return _run(config, folder, fresh=options.fresh)
+        return _run(task, folder, fresh=options.fresh)
 
 
 def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> int:
@@ -45,14 +45,14 @@ def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> 
         raise InvalidOptionError(
             "several objects need different names, and no --watch", option="object", value=objects
         )
-    configs = [opt.configure_touch(options) for options.object in objects]
-    folders = [results_folder(c, output / n) for c, n in zip(configs, names, strict=True)]
-    for config in configs:
-        find_object(config)
+    tasks = [opt.configure_touch(options) for options.object in objects]
+    folders = [results_folder(t, output / n) for t, n in zip(tasks, names, strict=True)]
+    for task in tasks:
+        find_object(task.world)
     failed, code = [], 0
-    for name, config, folder in zip(names, configs, folders, strict=True):
+    for name, task, folder in zip(names, tasks, folders, strict=True):
         try:
-            code = _run(config, folder, fresh=options.fresh) or code
+            code = _run(task, folder, fresh=options.fresh) or code
         except LisGraspError as error:
             failed.append(name)
             complain(f"{name}: {error}")
@@ -62,8 +62,8 @@ def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> 
     return code
 
 
-def _run(config: pipeline.RunConfig, folder: Path, *, fresh: bool) -> int:
-    run = pipeline.run(config, folder, progress=PRINTED, fresh=fresh)
+def _run(task: Task, folder: Path, *, fresh: bool) -> int:
+    run = run_task(task, folder, progress=PRINTED, fresh=fresh)
     found = run.grasps is None or len(run.grasps) > 0
     if run.grasps is not None and not found:
         say_search(run.grasps)
