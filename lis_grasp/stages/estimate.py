@@ -173,7 +173,6 @@ def estimate(
     support_height: float | None = None,
     free_space: bool = True,
     keep_all: bool = False,
-    normals: NormalSide | None = None,
     **options: Any,
 ) -> ImplicitSurface:
     """Estimate the surface of an object from contacts.
@@ -195,10 +194,9 @@ def estimate(
         Whether the contacts' free space is removed from the estimate.
     keep_all
         Whether all contacts are believed, those that the others contradict too.
-    normals
-        Side that the normals point to, as of `load_contacts`; None requires outward ones.
     options
-        ``margin``, by which balls of free space are smaller [m], and the keywords of the
+        ``margin``, by which balls of free space are smaller [m]; ``normals``, the side that they
+        point to, as of `load_contacts`: without it they must be outward; and the keywords of the
         estimator's `from_contacts`, such as ``position_noise`` [m] and ``normal_noise`` [rad].
 
     Raises
@@ -221,6 +219,7 @@ def estimate(
             f"write Contacts(points, normals) or load_contacts(path), not {type(contacts).__name__}"
         )
     height, margin = options.pop("table", support_height), options.pop("margin", 0.0)
+    normals = options.pop("normals", None)
     make = find_estimator(estimator) if isinstance(estimator, str) else estimator
     _require_accepted(make, str(estimator), options)
     require_noise_below_size(contacts, options.get("position_noise"))
