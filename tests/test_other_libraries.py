@@ -36,7 +36,7 @@ class RigidTransform:
     def __init__(self, X: np.ndarray) -> None:
         self._X = X
 
-    def GetAsMatrix4(self) -> np.ndarray:  # noqa: N802
+    def GetAsMatrix4(self) -> np.ndarray:
         return self._X
 
 

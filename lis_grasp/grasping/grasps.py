@@ -28,6 +28,10 @@ if TYPE_CHECKING:
 _NODES, _WEIGHTS = (0.0, -np.sqrt(3.0), np.sqrt(3.0)), (2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0)
 
 
+# Columns of a search in a notebook.
+_DISPLAYED = ("rank", "hand", "family", "fingers", "epsilon", "success_probability")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Grasp(ByValue, Record):
     """Palm pose, joint positions, contacts and quality of a grasp.
@@ -183,10 +187,10 @@ class GraspSearch(ByValue, Record, Sequence[Grasp]):
         return pandas.DataFrame(self._rows()).set_index("rank")
 
     def _repr_html_(self) -> str:
-        """Return the grasps as a table, which a notebook displays."""
+        """Return the grasps as a small table, which a notebook displays."""
         if not self.grasps:
             return f"<p>{escape(_no_grasp(self))}</p>"
-        rows = self._rows()
+        rows = [{name: row[name] for name in _DISPLAYED if name in row} for row in self._rows()]
         head = "".join(f"<th>{escape(name)}</th>" for name in rows[0])
         body = "".join(
             f"<tr>{''.join(f'<td>{escape(_shown(value))}</td>' for value in row.values())}</tr>"
