@@ -13,11 +13,11 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from lis_grasp.exceptions import InvalidContactsError, require_packages
-from lis_grasp.geometry import apply_pose, inverse_pose, rotate
+from lis_grasp.geometry import UNIT_ROUNDING, UNIT_TOLERANCE, apply_pose, inverse_pose, rotate
 from lis_grasp.io.contact_files import contact_columns, read_contact_file, write_contact_file
 from lis_grasp.io.point_pictures import points_svg
 from lis_grasp.io.units import in_metres, require_plausible_size
-from lis_grasp.records import Answering, ByValue, Record, fields_of, read_only
+from lis_grasp.records import ByValue, Record, fields_of, read_only
 from lis_grasp.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -29,14 +29,9 @@ FARTHEST = 1e7
 HALF_SPACE = 100.0
 """Radius of balls of free space that stand for half-spaces [m]."""
 
-# Normals written with few digits are off unit length by less; anything further is a mistake.
-_UNIT_TOLERANCE = 1e-2
-# Upper bound of the rounding error of a normalised length.
-_ROUNDING = 4.0 * np.finfo(np.float64).eps
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Contacts(ByValue, Record, metaclass=Answering):
+class Contacts(ByValue, Record):
     """Oriented contact points of an object, in its frame O.
 
     Parameters
@@ -55,13 +50,13 @@ class Contacts(ByValue, Record, metaclass=Answering):
         Shape (K, 3) [m]: places that the hand passed through without a contact.
     free_radii
         Shape (K,) [m], of free balls about these points; empty if only the points are free. A
-        half-space, such as that beyond a felt end, is a ball of `HALF_SPACE`.
+        half-space, such as the space beyond a touched end, is a ball of `HALF_SPACE`.
     position_noise
         Shape (N,) [m], one standard deviation of each contact's position along its normal. NaN
         where it is unknown; None if it is unknown for all.
     normal_noise
         Shape (N,) [rad], one standard deviation of each component of each contact's normal
-        perpendicular to it. NaN and None as of `position_noise`.
+        perpendicular to it. NaN and None as in `position_noise`.
     judged
         Whether estimators believe all contacts, instead of turning or leaving out those that others
         contradict (`judge_contacts`). It is not part of files.
@@ -69,13 +64,14 @@ class Contacts(ByValue, Record, metaclass=Answering):
     Raises
     ------
     InvalidContactsError
-        If shapes disagree, a number is not finite (but for NaN in noise), a point is farther than
-        `FARTHEST` from the origin, a normal has not unit length, or a radius or noise is negative.
+        If shapes disagree, a number is not finite (except for NaN in noise), a point is farther
+        than `FARTHEST` from the origin, a normal is not of unit length, or a radius or noise is
+        negative.
 
     Examples
     --------
-    Contacts are sliced and joined like a sequence; each item is contacts of one. As an array they
-    are rows of point and normal.
+    Contacts are sliced and joined like a sequence; each item is a record of one contact. As
+    an array they are rows of point and normal.
 
     >>> import numpy as np
     >>> axes = np.vstack([np.eye(3), -np.eye(3)])
@@ -104,9 +100,9 @@ class Contacts(ByValue, Record, metaclass=Answering):
         normals = _frozen_array("normals", self.normals, (count, 3))
         with np.errstate(over="ignore"):  # a length that overflows is not 1 either
             lengths = np.linalg.norm(normals, axis=1)  # (N,)
-        if np.any(np.abs(lengths - 1.0) > _UNIT_TOLERANCE):
+        if np.any(np.abs(lengths - 1.0) > UNIT_TOLERANCE):
             worst = int(np.argmax(np.abs(lengths - 1.0)))
-            exchanged = np.allclose(np.linalg.norm(points, axis=1), 1.0, atol=_UNIT_TOLERANCE)
+            exchanged = np.allclose(np.linalg.norm(points, axis=1), 1.0, atol=UNIT_TOLERANCE)
             cure = "exchange them with the points" if exchanged else "divide each by its length"
             raise InvalidContactsError(
                 f"normals must have unit length; normal {worst} has length {lengths[worst]:.4g}:"
@@ -115,7 +111,7 @@ class Contacts(ByValue, Record, metaclass=Answering):
                 row=worst,
             )
         # A unit normal is kept to the last bit, so that saving and loading changes nothing.
-        off = np.abs(lengths - 1.0) > _ROUNDING
+        off = np.abs(lengths - 1.0) > UNIT_ROUNDING
         normals = np.where(off[:, None], normals / lengths[:, None], normals)
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "normals", read_only(normals))
@@ -138,7 +134,7 @@ class Contacts(ByValue, Record, metaclass=Answering):
 
     @classmethod
     def empty(cls) -> Contacts:
-        """Return no contacts: those of an object before the first touch."""
+        """Return a record without contacts, as before the first touch of an object."""
         return cls(np.empty((0, 3)), np.empty((0, 3)))
 
     def __len__(self) -> int:
@@ -240,8 +236,8 @@ class Contacts(ByValue, Record, metaclass=Answering):
     def append(self, other: Contacts) -> Contacts:
         """Return these contacts followed by `other`.
 
-        Forces, times and fingers are kept only if both have them; noise that one of both lacks is
-        unknown for its contacts.
+        Forces, times and fingers are kept only if both have them; noise that one of the two lacks
+        is unknown for its contacts.
         """
         kept, empty = (self, other) if len(self) else (other, self)
         if not len(empty) and not len(empty.free_points):

@@ -6,14 +6,14 @@ import difflib
 import reprlib
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
 # Messages quote input, which may be a whole damaged file: the middle of a longer one is left out.
 _LONGEST = 800
-_MOST_NAMED = 8  # rows
+_MOST_NAMED = 8  # in a message
 
 
 def counted(number: int, thing: str) -> str:
@@ -24,8 +24,13 @@ def counted(number: int, thing: str) -> str:
 def named_rows(rows: Iterable[int]) -> str:
     """Return rows in words, counted from 1."""
     names = [str(row + 1) for row in rows]
+    return f"row{'s' if len(names) > 1 else ''} {listed(names)}"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return the first eight names in words, and the number of the others."""
     more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
-    return f"row{'s' if len(names) > 1 else ''} {', '.join(names[:_MOST_NAMED])}{more}"
+    return f"{', '.join(names[:_MOST_NAMED])}{more}"
 
 
 def shown(value: object) -> str:
@@ -44,7 +49,7 @@ def nearest_of(value: object, choices: Iterable[str]) -> str:
 
 
 def nearest_or_all(value: object, choices: Iterable[str]) -> str:
-    """Return the end of a message as of `nearest_of`, or else with all choices."""
+    """Return the end of a message as in `nearest_of`, or else with all choices."""
     names = sorted(set(choices))
     return nearest_of(value, names) or f": it has {', '.join(names)}"
 
@@ -179,11 +184,14 @@ class InvalidFileError(InvalidInputError):
     ----------
     path
         The file; None if it is none in particular.
+    field
+        Name of the value in it that is wrong, such as ``friction`` or ``grasps[0]``; empty if it is
+        none in particular.
     """
 
-    def __init__(self, message: str, *, path: Path | None = None) -> None:
+    def __init__(self, message: str, *, path: Path | None = None, field: str = "") -> None:
         super().__init__(message)
-        self.path = path
+        self.path, self.field = path, field
 
 
 class EstimationError(LisGraspError):
@@ -191,7 +199,7 @@ class EstimationError(LisGraspError):
 
 
 class TooManyBadContactsError(EstimationError):
-    """Contacts of which more than a quarter contradicts the others.
+    """Contacts more than a quarter of which contradict the others.
 
     Attributes
     ----------

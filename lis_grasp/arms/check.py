@@ -7,8 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from lis_grasp.arms.collision import StationChecker
+from lis_grasp.arms.mounted_hand import CLEARANCE, mount_of
 from lis_grasp.arms.placement import REGION, choose_base, home_of, palm_targets, reach_fraction
-from lis_grasp.arms.station import CLEARANCE, Station, mount_of
+from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.geometry import apply_pose, cross, inverse_pose, rotate
 from lis_grasp.robots.arm import Arm
@@ -28,7 +29,7 @@ _ROUNDING = 1e-6  # of a length [m]
 
 
 def check_arm(arm: Arm, hand: Hand) -> list[Finding]:
-    """Return the findings on an arm with a hand, in the order in which to fix what failed.
+    """Return the findings on an arm with a hand, in the order in which to fix failures.
 
     The base is chosen for its reach.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import fcl
 import numpy as np
@@ -10,12 +10,10 @@ import numpy.typing as npt
 import trimesh
 from trimesh.collision import mesh_to_BVH
 
+from lis_grasp.arms.mounted_hand import MountedHand
 from lis_grasp.geometry import apply_pose
 from lis_grasp.robots.body_pairs import BodyPairs, balls_around, outline, pairs_of_bodies
 from lis_grasp.typing import BoolArray, FloatArray
-
-if TYPE_CHECKING:
-    from lis_grasp.arms.station import Station
 
 Obstacle = Literal["table", "obstacle", "object", "self"]
 
@@ -28,16 +26,16 @@ HAND_CLEARANCE = 0.0003
 class StationChecker:
     """Checks postures of an arm with a hand for collisions.
 
-    Many postures are checked at once by balls that cover the links; what they do not show to be
-    free is checked by FCL. Checked are the arm's links with each other, with the hand, with the
-    table, its obstacles and the object, and the hand with these too; not the hand with itself.
-    The object is a closed mesh in W [m], true or estimated. Arm and hand keep off it by a margin
-    [m], the hand off the table too. With `arm_only` the hand may touch both, as at a grasp.
+    Many postures are checked at once by balls that cover the links; FCL checks the postures that
+    the balls do not show to be free. The arm's links are checked with each other, with the hand,
+    with the table, its obstacles and the object; the hand with the last three too, but not with
+    itself. The object is a closed mesh in W [m], true or estimated. Arm and hand keep off it by a
+    margin [m], the hand off the table too. With `arm_only` the hand may touch both, as at a grasp.
     """
 
     def __init__(
         self,
-        station: Station,
+        station: MountedHand,
         mesh: trimesh.Trimesh | None = None,
         *,
         margin: float = 0.0,
@@ -70,7 +68,7 @@ class StationChecker:
             )
 
     def free(self, q: FloatArray, q_hand: FloatArray) -> BoolArray:
-        """Return which postures of the arm, (N, J), collide with nothing, shape (N,).
+        """Return which postures of the arm, (N, J), are free of collisions, shape (N,).
 
         `q_hand` (K,) or (N, K) are the hand's joint positions.
         """
@@ -94,7 +92,7 @@ class StationChecker:
         return self._hit(poses[0], self._near(centers)[0], self._pairs.may_touch(centers)[0])
 
     def travel(self, q: FloatArray, q_hand: FloatArray) -> float:
-        """Return the longest way of a point of arm or hand along postures (N, J) [m].
+        """Return the longest path of any point of arm or hand along postures (N, J) [m].
 
         It is measured from posture to posture.
         """
@@ -190,7 +188,7 @@ class _Obstacle:
         return np.asarray(np.linalg.norm(outside, axis=-1))
 
 
-def _pairs(station: Station) -> npt.NDArray[np.intp]:
+def _pairs(station: MountedHand) -> npt.NDArray[np.intp]:
     """Return the pairs of bodies of arm and hand that must not touch, (P, 2)."""
     arm, hand = station.arm, station.hand
     order, last = arm.joints_before, arm.joints_before[arm.flange]

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from lis_grasp.arms.collision import StationChecker
-from lis_grasp.arms.reach import APPROACH, KEPT, SEEDS, best_solutions, track
+from lis_grasp.arms.reach import KEPT, SEEDS, best_solutions, track
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.exceptions import InvalidArmError
 from lis_grasp.geometry import cross, make_pose, rotate, tangent_frame, unit
+from lis_grasp.grasping.grasps import STANDOFF
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import BoolArray, FloatArray
@@ -41,7 +42,7 @@ def choose_base(arm: Arm, hand: Hand, *, table: Table | None = None) -> Station:
 def best_bases(arm: Arm, hand: Hand, *, table: Table | None = None) -> list[Station]:
     """Return the stations of all base poses that are tried, the one with the most reach first.
 
-    Arguments are as of `choose_base`.
+    For arguments see `choose_base`.
     """
     table = Table() if table is None else table
     start = Station.make(arm, hand, _base(table, 0.0, 0.0), table=table)
@@ -94,7 +95,7 @@ def reached(station: Station, targets: FloatArray) -> BoolArray:
         X_WH = targets[waiting, turn]
         pose, q = best_solutions(station, station.solve_ik(X_WH, seeds=SEEDS), kept=KEPT)
         forward = rotate(X_WH[pose], station.hand.approach_H)
-        straight = track(station, q, X_WH[pose], -APPROACH * forward).followed
+        straight = track(station, q, X_WH[pose], -STANDOFF * forward).followed
         done[waiting[pose[straight]]] = True
     return done
 
@@ -127,7 +128,7 @@ def _base(table: Table, distance: float, pedestal: float) -> FloatArray:
 
 
 def home_of(station: Station) -> FloatArray:
-    """Return the arm's home (J,) if the hand is high and free there, else a posture that is.
+    """Return the arm's home (J,) if the hand is high and free there, else another such posture.
 
     It is free in every pregrasp and probe posture of the hand. Such a posture has the hand pointing
     down, or obliquely, above the middle of the table.

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
 
 from lis_grasp.arms.collision import StationChecker
+from lis_grasp.arms.mounted_hand import MountedHand
 from lis_grasp.geometry import rotate
+from lis_grasp.grasping.grasps import LIFT, STANDOFF
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.pose_ik import ArmSolutions
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
-
-if TYPE_CHECKING:
-    from lis_grasp.arms.station import Station
 
 STEP = 0.02
 """Largest distance between tracked poses of the palm [m]."""
@@ -25,11 +23,9 @@ JUMP = 0.35
 
 SEEDS, KEPT = 4, 2
 """Seeds of the inverse kinematics of a pose, and its solutions that are tried."""
-APPROACH, LIFT = 0.12, 0.1
-"""Lengths of the straight approach to a grasp, and of the straight lift [m]."""
 
 _SAME = 0.1  # solutions with joints this near are one [rad or m]
-_FAR = 0.1  # worth of being near home, of that of being off the joint limits [1]
+_FAR = 0.1  # worth of being near home, relative to being off the joint limits [1]
 _CHECKED = 2  # of the poses along a straight motion, every second is checked for collisions
 
 # Points (P, 3) -> which are inside of what is known, (P,).
@@ -44,7 +40,7 @@ class Tracked:
     followed: BoolArray  # (B,): to the end, within limits and without a jump
 
 
-def track(station: Station, q: FloatArray, X_WH: FloatArray, moved: FloatArray) -> Tracked:
+def track(station: MountedHand, q: FloatArray, X_WH: FloatArray, moved: FloatArray) -> Tracked:
     """Track straight motions of the palm without turning, by translations (3,) or (B, 3) in W [m].
 
     They start at the joint positions q (B, J), with the palm at X_WH (B, 4, 4).
@@ -86,17 +82,17 @@ class ReachFilter:
     """Finds which grasps an arm can carry out, and how.
 
     A grasp is kept if the arm reaches it, approaches it and lifts from it straight, within joint
-    limits and on one branch, and collides with nothing on the way. Each of the others has a reason:
+    limits and on one branch, and collides with nothing on the way. Every other grasp gets a reason:
 
     - ``out_of_arm_reach``: no joint positions;
     - ``no_straight_arm_motion``: a joint limit or a jump ends the approach or the lift;
     - ``arm_hits_object``, ``_table``, ``_obstacle``, ``_self``: a link of the arm collides on the
-      way. The hand's contacts with these are left to the filter of grasp candidates.
+      way. The filter of grasp candidates checks the hand's contacts with these.
 
     The object is the closed mesh of its estimate in W [m]; None for none.
     """
 
-    def __init__(self, station: Station, mesh: trimesh.Trimesh | None = None) -> None:
+    def __init__(self, station: MountedHand, mesh: trimesh.Trimesh | None = None) -> None:
         self._station = station
         self._checker = StationChecker(station, mesh, arm_only=True)
 
@@ -111,7 +107,7 @@ class ReachFilter:
         solutions = self._station.solve_ik(X_WH, seeds=SEEDS, first=self._station.arm.home)
         pose, q = best_solutions(self._station, solutions, kept=KEPT)
         forward = rotate(X_WH[pose], self._station.hand.approach_H)
-        away = track(self._station, q, X_WH[pose], -APPROACH * forward)
+        away = track(self._station, q, X_WH[pose], -STANDOFF * forward)
         up = track(self._station, q, X_WH[pose], np.array([0.0, 0.0, LIFT]))
         motions: list[ArmGrasp | str] = [
             "no_straight_arm_motion" if reached else "out_of_arm_reach"
@@ -145,12 +141,13 @@ class ReachFilter:
 
 
 def best_solutions(
-    station: Station, solutions: ArmSolutions, *, kept: int
+    station: MountedHand, solutions: ArmSolutions, *, kept: int
 ) -> tuple[IndexArray, FloatArray]:
     """Return up to `kept` different solutions of each target, the best first.
 
-    Those off the joint limits and near the arm's home are better: they are on its branch. They are
-    M in all: the index of the target (M,), in order, and joint positions (M, J).
+    Solutions off the joint limits and near the arm's home are better: they are on its branch.
+    Returns, of M solutions in all, the index of the target (M,), in order, and joint positions (M,
+    J).
     """
     arm = station.arm
     targets: list[int] = []
@@ -189,10 +186,10 @@ class ProbeReach:
     """Finds which poses of the hand at the start of a probe an arm can carry out, and how.
 
     The arm has to follow the straight approach and the guarded motion within joint limits, and to
-    collide with neither table, nor itself, nor what is known of the object.
+    collide neither with the table, nor with itself, nor with the known object.
     """
 
-    def __init__(self, station: Station) -> None:
+    def __init__(self, station: MountedHand) -> None:
         self._station = station
         self._checker = StationChecker(station, arm_only=True)
 

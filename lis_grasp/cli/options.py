@@ -42,7 +42,7 @@ def add_options(
 ) -> None:
     """Add options of a `Task` by their names; omitted ones parse as None.
 
-    With `recorded` they are those of a verb that reads a file with recorded facts.
+    With `recorded` they are for a verb that reads a file with recorded facts.
     """
     used = {title: [n for n in names if _OPTIONS[n].group == title] for title in GROUPS}
     grouped = sum(map(bool, used.values())) > 1
@@ -154,7 +154,7 @@ def configure_touch(options: argparse.Namespace) -> Task:
     return Task.of(known=known, **given)
 
 
-def add_object(parser: argparse.ArgumentParser, *, required_name: bool = True) -> None:
+def add_object_argument(parser: argparse.ArgumentParser, *, required_name: bool = True) -> None:
     """Add the object to touch or lift, with its size and units."""
     text = _OPTIONS["object"].help
     if required_name:
@@ -186,7 +186,7 @@ def add_output(parser: argparse.ArgumentParser, default: str) -> None:
 
 def add_exploration(parser: argparse.ArgumentParser, *later: str) -> None:
     """Add the object, the conditions and the options of an exploration, and those of `later`."""
-    add_object(parser)
+    add_object_argument(parser)
     add_conditions(parser)
     add_options(parser, *TOUCH, *later)
     parser.add_argument(

@@ -40,7 +40,7 @@ def add_hand(
 
     Links get compliant skin and visuals, do not collide with each other, and bear no weight. Joints
     get motors with implicit PD control: connect
-    ``plant.get_desired_state_input_port(hand.instance)``. Frame G is that of the base link's body;
+    ``plant.get_desired_state_input_port(hand.instance)``. G is the frame of the base link's body;
     it floats unless there is a `parent`.
 
     Parameters
@@ -58,7 +58,7 @@ def add_hand(
         A frame to which G is welded, and the pose of G in it; None for the identity.
     gains
         Stiffness and damping of the joints, each (J,) [N m/rad, N m s/rad; or N/m, N s/m]; None for
-        those of probing.
+        the gains of probing.
     friction
         Coulomb's coefficient of every link.
     modulus
@@ -82,7 +82,7 @@ def add_hand(
     if instance is not None:
         return hand_plant.find_hand(plant, found, instance)
     _require_open(plant, name)
-    added = hand_plant.add_hand(
+    added = hand_plant.add_hand_model(
         plant, found, name=name, gains=gains, friction=friction, modulus=modulus
     )
     add_visuals(plant, found, added.links)
@@ -140,7 +140,7 @@ def add_object(
     require_load(mass=mass, friction=friction)
     flat = merge_flat_faces(shape.mesh)
     _require_open(plant, name)
-    body = object_plant.add_object(plant, flat, mass=mass, friction=friction, name=name).body
+    body = object_plant.add_object_body(plant, flat, mass=mass, friction=friction, name=name).body
     look = Mesh(in_memory(shape.mesh, name))
     plant.RegisterVisualGeometry(body, RigidTransform(), look, f"{name}_visual", _WOOD)
     return body

@@ -15,7 +15,7 @@ from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
 from lis_grasp.drake._hand_motion import HandMotion, Mover
 from lis_grasp.drake._movers import ArmMover, FreeMover
-from lis_grasp.drake._ports import add_output, read
+from lis_grasp.drake._ports import declare_output, read_port
 from lis_grasp.drake.surface_estimator import Estimate
 from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.exploration import (
@@ -46,7 +46,7 @@ from lis_grasp.stages.touch import make_policy
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
-# Probes without a way are passed over, so many in one update.
+# Largest number of probes without a way that one update skips.
 _PASSED_OVER = 20
 
 
@@ -74,8 +74,8 @@ class HapticExplorer(LeafSystem):
         contacts, estimate -> HapticExplorer -> X_WG, joint_state, arm_state, listening, done,
                                                 exploration
 
-    ``contacts`` are those of a `TouchSensor`, ``estimate`` is that of a `SurfaceEstimator` of the
-    same contacts. ``X_WG`` is the desired pose of the hand's base link, continuous in time.
+    ``contacts`` come from a `TouchSensor`, ``estimate`` from a `SurfaceEstimator` of the same
+    contacts. ``X_WG`` is the desired pose of the hand's base link, continuous in time.
     ``joint_state`` (2J,) has desired positions and rates in the order of the hand's actuators, for
     ``plant.get_desired_state_input_port(hand.instance)``. ``listening`` is 1 on approach and probe;
     connect it to the sensor's ``enable``. ``done`` is 1 at the end, and ``exploration`` is the
@@ -93,7 +93,7 @@ class HapticExplorer(LeafSystem):
     home
         Pose X_WG at which the hand begins; needed without a station.
     q_home
-        Joint positions (J,) at which the hand begins; None for those of a probe posture.
+        Joint positions (J,) at which the hand begins; None for a probe posture.
     policy
         Name of a policy, or a function of a `Workspace` that makes one.
     touches
@@ -194,14 +194,14 @@ class HapticExplorer(LeafSystem):
         index = self.DeclareAbstractState(AbstractValue.Make(start))
         state = {self.abstract_state_ticket(index)}
         moving = state | {self.time_ticket()}
-        self.X_WG = add_output(self, "X_WG", RigidTransform(), self._pose, moving)
+        self.X_WG = declare_output(self, "X_WG", RigidTransform(), self._pose, moving)
         joints = 2 * len(self._actuated)
         self.DeclareVectorOutputPort("joint_state", joints, self._joint_state, moving)
         if arm_joints:
             self.DeclareVectorOutputPort("arm_state", 2 * arm_joints, self._arm_state, moving)
         self.DeclareVectorOutputPort("listening", 1, self._listening, moving)
         self.DeclareVectorOutputPort("done", 1, self._done, state)
-        self.exploration = add_output(
+        self.exploration = declare_output(
             self, "exploration", Exploration(empty, ()), self._explored, state
         )
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
@@ -229,7 +229,7 @@ class HapticExplorer(LeafSystem):
         """Return the progress after a probe: the next probe's motion, or the end."""
         contacts, now = self._read_contacts(context), context.get_time()
         source = "the output 'estimate' of a SurfaceEstimator"
-        estimate = read(self._estimate, context, Estimate, source)
+        estimate = read_port(self._estimate, context, Estimate, source)
 
         def estimated(known: Contacts) -> ImplicitSurface:
             assert estimate.solid is not None
@@ -290,7 +290,9 @@ class HapticExplorer(LeafSystem):
         return HandPose(X_EH, joints[: len(joints) // 2])
 
     def _read_contacts(self, context: Context) -> Contacts:
-        return read(self._contacts, context, Contacts, "the output 'contacts' of a TouchSensor")
+        return read_port(
+            self._contacts, context, Contacts, "the output 'contacts' of a TouchSensor"
+        )
 
     def _pose(self, context: Context) -> RigidTransform:
         progress, elapsed = _at(context)

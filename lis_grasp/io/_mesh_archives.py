@@ -14,7 +14,7 @@ from defusedxml import DefusedXmlException, ElementTree
 
 from lis_grasp.geometry import apply_pose, make_pose
 from lis_grasp.io._mesh_text import triangulate
-from lis_grasp.io.limits import MOST_ELEMENTS, ReadError, reason_of, require_small_archive
+from lis_grasp.io.limits import MOST_UNPACKED, ReadError, reason_of, require_small_archive
 from lis_grasp.typing import FloatArray, IntArray
 
 _UNITS_3MF: Mapping[str, float] = {
@@ -68,8 +68,8 @@ def read_3mf(path: Path) -> tuple[FloatArray, IntArray, float]:
             meshes, components = model(part)[1][number]
             placed += [(apply_pose(X, vertices), faces) for vertices, faces in meshes]
             uses += [(part, component, X) for component in components]
-            size += sum(len(vertices) + len(faces) for vertices, faces in meshes)
-            if len(uses) > _MOST_USES or size > MOST_ELEMENTS:
+            size += sum(vertices.nbytes + faces.nbytes for vertices, faces in meshes)
+            if len(uses) > _MOST_USES or size > MOST_UNPACKED:
                 raise ReadError(f"it has components inside of themselves, or over {_MOST_USES}")
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in placed)])
     faces = [f + start for (_, f), start in zip(placed, starts[:-1], strict=True)]

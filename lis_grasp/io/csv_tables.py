@@ -33,7 +33,7 @@ def without_unit(name: str) -> tuple[str, str]:
     return (found[1], found[2] or found[3]) if found else (text, "")
 
 
-def numbers(path: Path, rows: list[list[str]], column: int, name: str) -> FloatArray:
+def column_numbers(path: Path, rows: list[list[str]], column: int, name: str) -> FloatArray:
     """Return a column of a table as numbers, NaN where it is blank."""
     return np.array([cell_number(path, row[column], n + 1, name) for n, row in enumerate(rows)])
 

@@ -8,7 +8,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from lis_grasp.lifting.outcome import ArmUse, Reason
+from lis_grasp.arms.use import ArmUse
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import WristPath, rest_at
 from lis_grasp.motion import Motion
@@ -32,18 +32,10 @@ class CarrierMotion:
     command: Callable[[float], None]  # the state that belongs to a time since the start [s]
 
 
-class ArmStoppedError(Exception):
-    """The arm cannot go on, for a reason that ends the trial."""
-
-    def __init__(self, reason: Reason) -> None:
-        super().__init__(reason)
-        self.reason: Reason = reason
-
-
 class Carrier(Protocol):
     """The carrier of the hand in a lift.
 
-    The defaults are those of a free wrist: without a home, and without limits. An arm has both; its
+    The defaults describe a free wrist: without a home, and without limits. An arm has both; its
     motions, and the scene's steps, raise `ArmStoppedError` where it cannot go on.
     """
 

@@ -37,8 +37,6 @@ _MOTOR_INERTIA = 1e-3
 _FULL_EFFORT_ERROR = {"revolute": 0.1, "prismatic": 0.01}  # [rad], [m]
 _RESERVE = 3.0  # times the effort that the largest contact force needs
 _DAMPING_TIME = 0.035  # [s], damping by stiffness
-# The same transit is planned for the same grasp.
-_SEED = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,7 +146,7 @@ def plan_arm_lift(
     The arm avoids the table and the `estimate` of the object; None for no object. Its path has a
     sample each `time_step` [s].
     """
-    rng = np.random.default_rng(_SEED)
+    rng = np.random.default_rng(0)  # the same transit in equal calls
     planned = plan_transit(station, estimate, grasp, rng=rng, step=time_step)
     if isinstance(planned, str):
         return "no_arm_motion"
@@ -159,9 +157,9 @@ def plan_arm_lift(
 def useful_efforts(hand: Hand, q: npt.ArrayLike) -> FloatArray:
     """Return the joints' effort limits (J,) [N m or N], without what no contact force needs.
 
-    Files often give efforts far above those of the real motors. Three times the largest contact
-    force, at the longest lever of a pad about a joint of that kind, is the most that counts. Levers
-    are taken at the joint positions q (J,).
+    Files often give efforts far above the real motors'. Three times the largest contact force, at
+    the longest lever of a pad about a joint of that kind, is the most that counts. Levers are taken
+    at the joint positions q (J,).
     """
     _, _, jacobian, _ = hand.pad_jacobians(np.eye(4), q)  # (F, 3, 6 + J)
     levers = np.linalg.norm(jacobian[:, :, 6:], axis=1).max(axis=0)  # (J,) [m or 1]

@@ -7,11 +7,12 @@ from functools import partial
 
 import numpy as np
 
+from lis_grasp.arms.use import ArmStoppedError
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.lifting.closing import SETTLE_TIME, SETTLED, AcceptGrasp, Closing
 from lis_grasp.lifting.object_in_hand import SlipWatch
 from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome, Reason
-from lis_grasp.lifting.scene import CONTROL_RATE, ArmStoppedError, LiftingScene
+from lis_grasp.lifting.scene import CONTROL_RATE, LiftingScene
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import WristPath, line, rest_at, shake_about
 from lis_grasp.motion import OBJECT
@@ -29,7 +30,8 @@ _WATCHED_RISE = 0.01
 _GRIP_FACTOR = 1.5
 # Commands over which a weight is averaged, and the least mass that is weighed [kg].
 _WEIGHED_STEPS, _LEAST_MASS = 9, 0.005
-# Margin of the grip below which an object is set down that is so many times as heavy as assumed.
+# Least margin of the grip, below which an object is set down that is heavier than assumed by the
+# factor.
 _LEAST_MARGIN, _HEAVIER = 0.55, 1.25
 _SLIP_LIMIT = 0.006
 

@@ -13,9 +13,10 @@ import networkx as nx
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from lis_grasp.contacts import FARTHEST
 from lis_grasp.exceptions import InvalidFileError, InvalidInputError, note
 from lis_grasp.geometry import inverse_pose, make_pose, unit
-from lis_grasp.io.csv_tables import SECONDS, numbers, read_table, without_unit
+from lis_grasp.io.csv_tables import SECONDS, column_numbers, read_table, without_unit
 from lis_grasp.io.units import UNITS
 from lis_grasp.typing import FloatArray
 
@@ -24,7 +25,6 @@ Content = Literal["force", "pose", "transforms", "joints", "other"]
 
 # A pose between two samples farther apart than this is unknown [s].
 LONGEST_GAP = 0.25
-_FARTHEST = 1e7  # [m]
 _UNIT_TOLERANCE = 0.1
 
 _FORCES = (("fx", "fy", "fz"), ("force",))
@@ -106,7 +106,7 @@ class TimedPoses:
         length, are dropped; a note counts them by the name of the stream.
         """
         count = len(times)
-        valid = np.isfinite(times) & np.all(np.abs(values) < _FARTHEST, axis=1)
+        valid = np.isfinite(times) & np.all(np.abs(values) < FARTHEST, axis=1)
         times, values = times[valid], values[valid]
         lengths = np.linalg.norm(values[:, 3:], axis=1)
         valid = np.abs(lengths - 1.0) < _UNIT_TOLERANCE
@@ -241,7 +241,7 @@ class CsvLog:
         for k, title in enumerate(titles):
             parts = re.split(r"[./]", title)
             for name in set(parts) & set(names) if not _OTHERS & set(parts) else ():
-                found[name] = (self._columns["time"], numbers(self._path, rows, k, title))
+                found[name] = (self._columns["time"], column_numbers(self._path, rows, k, title))
         return found
 
     def _table(self, names: tuple[str, ...]) -> FloatArray:
@@ -264,7 +264,7 @@ def _known_columns(path: Path) -> dict[str, FloatArray]:
         if name in columns:
             message = f"{path} has two columns for {name}; the second is {full}: keep one"
             raise InvalidFileError(message, path=path)
-        columns[name] = numbers(path, rows, k, full) * {**UNITS, **SECONDS}.get(unit, 1.0)
+        columns[name] = column_numbers(path, rows, k, full) * {**UNITS, **SECONDS}.get(unit, 1.0)
     return columns
 
 

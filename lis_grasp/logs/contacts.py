@@ -9,10 +9,15 @@ from scipy.ndimage import uniform_filter1d
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidInputError, InvalidOptionError, require_at_least
+from lis_grasp.exploration.touch_detection import (
+    TouchDetection,
+    Touches,
+    contacts_of_touches,
+    detect_touches,
+)
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.io.units import LARGEST
 from lis_grasp.logs._streams import LONGEST_GAP, Content, FrameTree, TimedForces
-from lis_grasp.logs.detection import TouchDetection, Touches, contacts_of_touches, detect_touches
 from lis_grasp.logs.readers import RobotLog
 from lis_grasp.typing import FloatArray
 

@@ -9,7 +9,7 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError, shown
 from lis_grasp.io.units import require_object_size
-from lis_grasp.records import Answering, read_only
+from lis_grasp.records import read_only
 from lis_grasp.shapes._repair import repair_mesh
 from lis_grasp.shapes._topology import signed_volume
 from lis_grasp.typing import FloatArray
@@ -22,7 +22,7 @@ def sharp_edges(mesh: trimesh.Trimesh, *, angle: float = SHARP_ANGLE) -> FloatAr
     """Return the edges where a mesh bends by more than `angle` [rad], convex and concave alike.
 
     Shape (E, 2, 3) [m]: the two ends of each straight piece. Curved edges come as polylines as
-    fine as the mesh. On scanned meshes noise makes edges of its own.
+    fine as the mesh. On scanned meshes noise adds edges.
     """
     sharp = mesh.face_adjacency_angles > angle
     return np.array(mesh.vertices[mesh.face_adjacency_edges[sharp]]).reshape(-1, 2, 3)
@@ -39,7 +39,7 @@ def require_mesh(what: str, mesh: object) -> trimesh.Trimesh:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shape(metaclass=Answering):
+class Shape:
     """A true object, in its frame O.
 
     Parameters
@@ -92,8 +92,8 @@ class Shape(metaclass=Answering):
     def from_mesh(cls, mesh: trimesh.Trimesh, name: str = "object") -> Shape:
         """Return the object of any triangle mesh in metres, closed and outward.
 
-        The frame O is that of the mesh. Its repairs are those of a file (`shapes.load`) and are
-        listed in `repairs`; the given mesh stays as it is.
+        O is the frame of the mesh. It is repaired like a mesh file (`shapes.load`), and `repairs`
+        lists what was done; the given mesh stays as it is.
 
         Raises `InvalidMeshError` if it is no mesh, encloses no volume, or could not be closed.
         """

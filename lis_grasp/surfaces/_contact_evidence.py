@@ -19,13 +19,9 @@ from scipy.spatial.distance import pdist, squareform
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces._gaussian_process_regression import ROWS, GradientRegression
-from lis_grasp.surfaces._kernels import Matern52
+from lis_grasp.surfaces._kernels import MISFIT, SMOOTH
 from lis_grasp.surfaces.contact_places import resolution_of
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
-
-# The process of `gpis`: covariance, and noise for edges.
-_KERNEL = Matern52(0.8)
-_MISFIT = (0.001, 0.1)
 
 # Degrees of freedom of Student's t of prediction errors, the weight of its log odds, and the median
 # of chi^2 of a contact.
@@ -39,14 +35,14 @@ _LEVEL = 0.01
 # Concentration of a beta distribution of fractions, at least and at most.
 _CONCENTRATION = (0.3, 20.0)
 
-# Neighbours of which the best mirrors a contact's normal.
+# Number of neighbours; the best one mirrors a contact's normal.
 _MIRRORS = 6
 # Weight of contacts that are far away, where none is near.
 _FAR_WEIGHT = 1e-9
 
 # Log odds of the side from which a contact was touched, and the cosine of touches that graze it.
 _FROM_OUTSIDE, _GRAZING = 10.0, 0.1
-# Free space this near to a contact, in spacings, is that of its own touch.
+# Free space this near to a contact, in spacings, comes from its own touch.
 _TOUCHING = 0.5
 
 # Balls of free space that are looked at for each contact, and how deep inside of them a contact
@@ -63,7 +59,7 @@ _LARGEST_ERROR = 6.0
 _INSIDE, _EMPTY = 6.0, 14.5
 
 
-# More contacts are judged in groups of at most so many; fewer say too little about each other.
+# Largest and least group of contacts that are judged together; fewer say too little of each other.
 _MOST, _LEAST = 160, 5
 
 
@@ -101,10 +97,10 @@ class Evidence:
         separations = pdist(contacts.points)
         scale = float(separations.max())
         nodes = (contacts.points - contacts.points.mean(axis=0)) / scale
-        slopes = _MISFIT[1] ** 2 + normal**2
-        variances = [_MISFIT[0] ** 2 + (position / scale) ** 2, slopes, slopes, slopes]
+        slopes = MISFIT[1] ** 2 + normal**2
+        variances = [MISFIT[0] ** 2 + (position / scale) ** 2, slopes, slopes, slopes]
         targets = np.column_stack([np.full(len(nodes), -1.0), contacts.normals])
-        process = GradientRegression.fit(_KERNEL, nodes, targets, np.column_stack(variances))
+        process = GradientRegression.fit(SMOOTH, nodes, targets, np.column_stack(variances))
         factor = (process.cholesky, True)
         precision = cho_solve(factor, np.eye(ROWS * len(nodes)), check_finite=False)
         distances = np.maximum(squareform(separations / scale), np.finfo(np.float64).eps)
@@ -209,7 +205,7 @@ class Evidence:
 
 
 def _exchange_odds(fractions: FloatArray) -> FloatArray:
-    """Return the log odds of 1 - p instead of p, for fractions p (N,), given those of the others.
+    """Return the log odds of 1 - p instead of p, for fractions p (N,), given the other fractions.
 
     The others have a beta distribution, fitted by moments with one uniform pseudo-observation.
     """

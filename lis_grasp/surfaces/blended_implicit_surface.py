@@ -8,21 +8,20 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.records import Answering, short_repr
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces._gaussian_process_regression import squared_distances
 from lis_grasp.surfaces.contact_places import agreement, log_errors, smoothstep
 from lis_grasp.surfaces.contact_preparation import prepare_contacts
 from lis_grasp.surfaces.gaussian_process_implicit_surface import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
 from lis_grasp.surfaces.queries import Predicting, flat_points, map_rows
-from lis_grasp.surfaces.smooth_implicit_surface import SmoothImplicitSurface
+from lis_grasp.surfaces.smooth_implicit_surface import LEAST_PLACES, SmoothImplicitSurface
 from lis_grasp.typing import FloatArray, IndexArray
 
-# Folds of the cross-validation; fewer places than the least cannot compare the estimates.
+# Folds of the cross-validation.
 _FOLDS = 5
-_LEAST_PLACES = 4
 
-# The evidence of all places counts like that of this many near ones, less half a standard error.
+# The evidence of all places counts as much as this many near places, less half a standard error.
 _PRIOR_PLACES = 3.0
 _CAUTION = 0.5
 
@@ -38,7 +37,7 @@ _NEAR, _FAR = 0.5, 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BlendedImplicitSurface(Predicting, metaclass=Answering):
+class BlendedImplicitSurface(Predicting):
     """Blend of a patch surface and a Gaussian process, by their prediction errors.
 
     f = smooth + w v (sharp - smooth)
@@ -72,7 +71,7 @@ class BlendedImplicitSurface(Predicting, metaclass=Answering):
     ) -> BlendedImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        Arguments and errors are those of `prepare_contacts`.
+        For arguments and errors see `prepare_contacts`.
         """
         prepared = prepare_contacts(contacts, position_noise, normal_noise)
         sharp = PatchImplicitSurface.from_contacts(prepared)
@@ -81,7 +80,7 @@ class BlendedImplicitSurface(Predicting, metaclass=Answering):
         smooth = SmoothImplicitSurface.beside(bound, prepared)
         places, normals = prepared.places, sharp.normals
         log_ratios = np.zeros(len(places.nodes))
-        if len(places.nodes) >= _LEAST_PLACES:
+        if len(places.nodes) >= LEAST_PLACES:
             folds = (np.arange(len(places.nodes)) % _FOLDS)[places.place]
             of_sharp = log_errors(_predict_left_out(sharp, folds), normals, places)
             log_ratios = log_errors(smooth.free.leave_groups_out(folds), normals, places) - of_sharp
@@ -121,7 +120,8 @@ class BlendedImplicitSurface(Predicting, metaclass=Answering):
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        That of a mixture; patches weigh less, the farther they are from the smooth estimate.
+        The deviation of a mixture: patches weigh less, the farther they are from the smooth
+        estimate.
         """
         rows, shape = flat_points(points)
         values = self.smooth.evaluate(rows)

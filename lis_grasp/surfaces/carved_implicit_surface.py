@@ -1,4 +1,4 @@
-"""Space carving: an estimate less the free space that the hand passed through, or below a table."""
+"""Space carving: an estimate minus free space that the hand crossed, or the space below a table."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import HALF_SPACE, Contacts
-from lis_grasp.geometry import unit
+from lis_grasp.geometry import AXES, unit
 from lis_grasp.records import Record, short_repr
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.queries import Predicting, flat_points, map_rows, require_range
@@ -19,9 +19,8 @@ from lis_grasp.typing import FloatArray, IndexArray
 
 # Points of a unit ball: its centre, and on its surface towards the faces and corners of a cube. A
 # cap without any is lower than a fifth of the radius.
-_FACES = np.vstack([np.eye(3), -np.eye(3)])
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3))) / np.sqrt(3.0)
-_PLACES = np.vstack([np.zeros((1, 3)), _FACES, _CORNERS])  # (15, 3)
+_PLACES = np.vstack([np.zeros((1, 3)), AXES, _CORNERS])  # (15, 3)
 
 # Walls that go on down to a table: contacts this near to it [m], normals with such parts upward.
 _NEAR_TABLE, _LARGEST_SLOPE = 0.0135, 0.2
@@ -67,13 +66,13 @@ class _Remainder(Predicting, Record):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarvedImplicitSurface(_Remainder):
-    """An estimate less balls of free space (CSG difference).
+    """An estimate minus balls of free space (CSG difference).
 
     f = max(g, max_i (r_i - |x - c_i|))
 
-    with the estimate g and balls of centres c_i and radii r_i. It is outside wherever g is, and in
-    every ball; elsewhere it is g. If the balls are free in truth, f has the right sign wherever g
-    has. Made by `carved`.
+    with the estimate g and balls of centres c_i and radii r_i. A point is outside if g is outside
+    there, or if it is in a ball; elsewhere f is g. If the balls are truly free, f has the right
+    sign wherever g has. Made by `carved`.
     """
 
     centers: FloatArray  #: (K, 3) [m], in O; K at least 1
@@ -84,8 +83,8 @@ class CarvedImplicitSurface(_Remainder):
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        The estimate's own. Where it is carved, combined with the depth inside the estimate, its
-        known error there.
+        It is the estimate's own. Where space was carved, it is combined with the depth inside the
+        estimate, the known error there.
         """
         rows, shape = flat_points(points)
         values, deviations = self.surface.evaluate(rows), np.array(self.surface.uncertainty(rows))
@@ -109,15 +108,15 @@ class CarvedImplicitSurface(_Remainder):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AboveTableImplicitSurface(_Remainder):
-    """An estimate less the half-space below a table (CSG intersection).
+    """An estimate minus the half-space below a table (CSG intersection).
 
     f(x) = max(g(x), h - x_z)
 
-    with the estimate g and the height h of the table. The hand cannot touch an underside: the
-    estimate, extrapolated there, is closed by the table. Its uncertainty stays that of g.
+    with the estimate g and the height h of the table. The hand cannot touch an underside: there the
+    estimate is extrapolated, and the table closes it. The uncertainty is unchanged.
     """
 
-    height: float  #: of the table [m]
+    support_height: float  #: of the table [m]
 
     __repr__ = short_repr
 
@@ -127,7 +126,7 @@ class AboveTableImplicitSurface(_Remainder):
 
     def _depths(self, points: FloatArray, values: FloatArray) -> _Depths:
         down = np.broadcast_to([0.0, 0.0, -1.0], points.shape)
-        return np.arange(len(points)), self.height - points[:, 2], down
+        return np.arange(len(points)), self.support_height - points[:, 2], down
 
 
 def carved(
@@ -179,7 +178,7 @@ def depths_in_free_space(
 ) -> FloatArray:
     """Return how deep points of an estimate's surface, (P, 3) [m], are in free space, (P,) [m].
 
-    The free space is that which `carved` removes from the estimate. Outside of it the depth is
+    It is the free space that `carved` removes from the estimate. Outside of it the depth is
     negative, and -inf far from it.
     """
     bounds = np.array([points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)])
@@ -211,19 +210,23 @@ def _grown(radii: FloatArray, nearest: FloatArray, values: FloatArray, growth: f
     return np.maximum(radii, np.minimum(radii - growth * values, 0.5 * (radii + nearest)))
 
 
-def standing_on(contacts: Contacts, height: float) -> Contacts:
+def standing_on(contacts: Contacts, support_height: float) -> Contacts:
     """Return contacts with those that a table at a height [m] implies.
 
-    No fingertip gets below a contact near the table. A wall there is taken to go on straight down:
-    one more contact is below it, at the table.
+    No fingertip gets below a contact near the table. A wall there is assumed to continue straight
+    down: one more contact is below it, at the table.
     """
-    near, slopes = contacts.points[:, 2] < height + _NEAR_TABLE, contacts.normals[:, 2]
+    near = contacts.points[:, 2] < support_height + _NEAR_TABLE
+    slopes = contacts.normals[:, 2]
     walls = contacts.subset(near & (np.abs(slopes) < _LARGEST_SLOPE))
     walls = replace(walls, free_points=np.empty((0, 3)), free_radii=np.empty(0))
-    feet, level = walls.points * [1, 1, 0] + [0.0, 0.0, height], unit(walls.normals * [1, 1, 0])
+    feet = walls.points * [1, 1, 0] + [0.0, 0.0, support_height]
+    level = unit(walls.normals * [1, 1, 0])
     return contacts.append(replace(walls, points=feet, normals=level))
 
 
-def above_table(surface: ImplicitSurface, height: float | None) -> ImplicitSurface:
+def above_table(surface: ImplicitSurface, support_height: float | None) -> ImplicitSurface:
     """Return an estimate closed by a table at a height [m]; None for no table."""
-    return surface if height is None else AboveTableImplicitSurface(surface, height)
+    if support_height is None:
+        return surface
+    return AboveTableImplicitSurface(surface, support_height)

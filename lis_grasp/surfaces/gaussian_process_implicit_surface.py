@@ -12,9 +12,10 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.records import Answering, short_repr
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces._gaussian_process_regression import ROWS, GradientRegression
 from lis_grasp.surfaces._kernels import (
+    MISFIT,
     Matern52,
     Matern72,
     RadialKernel,
@@ -50,8 +51,6 @@ _LENGTHS: dict[KernelName, float] = {
 _MIN_SLOPE = 0.1
 # Least standard deviation of the surface, in largest distances between two contacts.
 _LEAST = 0.0003
-# Noise for edges that no smooth f can follow, see `from_contacts`.
-_MISFIT = (0.001, 0.1)
 # Settings are fitted to so many contacts at most: the prior's amplitude takes a dozen solutions.
 MOST_FOR_SETTINGS = 150
 # The least axis of stretched coordinates, as a fraction of the largest.
@@ -59,7 +58,7 @@ _LEAST_AXIS = 0.15
 
 
 @dataclass(frozen=True, eq=False)
-class GaussianProcessImplicitSurface(Predicting, metaclass=Answering):
+class GaussianProcessImplicitSurface(Predicting):
     """The posterior mean of a GP conditioned on value 0 and the normal as gradient at contacts.
 
     f(x) = mean + k_*^T (K + noise)^-1 (targets - mean)                                   (eq. 3)
@@ -101,7 +100,7 @@ class GaussianProcessImplicitSurface(Predicting, metaclass=Answering):
         length: float | None = None,
         position_noise: float | None = None,
         normal_noise: float | None = None,
-        misfit: tuple[float, float] = _MISFIT,
+        misfit: tuple[float, float] = MISFIT,
         prior_mean: float | None = None,
         length_noise: float = 0.0,
         stretch: bool = False,
@@ -232,7 +231,7 @@ class GaussianProcessImplicitSurface(Predicting, metaclass=Answering):
 
         k(x, x) - k_*^T (K + noise)^-1 k_* (Rasmussen and Williams 2006, eq. 2.26), times the square
         of the prior's amplitude. It fits the residuals of K places that are left out, times
-        sqrt(1 + 2 / K), as of Student's t.
+        sqrt(1 + 2 / K), as in Student's t.
         """
         rows, shape = self._scaled(points)
         variances = map_rows(self._process.variance, rows, ROWS * len(self.points))
@@ -241,9 +240,9 @@ class GaussianProcessImplicitSurface(Predicting, metaclass=Answering):
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        The posterior standard deviation of f over the length of its gradient: to first order, the
-        shift of the zero, and a least one. Capped by the diagonal of the bounds. On the middle of
-        faces it is too large, beside edges, which no smooth f can follow, too small.
+        The posterior standard deviation of f over the length of its gradient, which is the shift of
+        the zero to first order; at least a minimum, at most the diagonal of the bounds. It is too
+        large on the middle of faces, and too small beside edges, which no smooth f can follow.
         """
         rows, shape = flat_points(points)
         slope = np.maximum(np.linalg.norm(self.gradient(rows), axis=1), _MIN_SLOPE)
@@ -254,8 +253,8 @@ class GaussianProcessImplicitSurface(Predicting, metaclass=Answering):
     def leave_groups_out(self, groups: IndexArray) -> tuple[FloatArray, FloatArray]:
         """Return leave-group-out predictions at each contact: f (N,) [m], gradient (N, 3).
 
-        Contacts of one number in `groups`, (N,), are predicted from all others; kernel, noise,
-        prior mean and scaled coordinates stay.
+        Contacts with one number in `groups`, (N,), are predicted from all others, with the same
+        kernel, noise, prior mean and scaled coordinates.
         """
         means = self._process.leave_groups_out(groups)
         values = self.gain * self.scale * (self.mean + means[:, 0])

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.records import Answering, short_repr
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces._contact_noise import precisions_of
 from lis_grasp.surfaces._kernel_mean import NEGLIGIBLE, KernelMean, density_weights
 from lis_grasp.surfaces.contact_preparation import prepare_contacts
@@ -43,13 +43,13 @@ _ABOVE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LocalImplicitSurface(BlockwiseSurface, metaclass=Answering):
+class LocalImplicitSurface(BlockwiseSurface):
     """Kernel-weighted mean of the contacts' tangent planes, scaled by local convexity.
 
     f(x) = sum_i w_i k(x, c_i) beta_i(x) y_i(x)  /  sum_i w_i k(x, c_i)        (eq. 7, normalised)
 
     with the plane y_i of contact i, a weight w_i, a Gaussian kernel k and the convexity beta_i.
-    The zero set is that of eq. 7. The denominator, not in the paper, keeps values finite.
+    It has the zero set of eq. 7. The denominator, which is not in the paper, keeps values finite.
 
     Made by `from_contacts`. Values are not metric: beside a convex edge they are scaled by beta.
 
@@ -93,7 +93,7 @@ class LocalImplicitSurface(BlockwiseSurface, metaclass=Answering):
         ----------
         contacts, position_noise, normal_noise
             See `prepare_contacts`, also for errors. More precise contacts weigh more; equal noise
-            changes the uncertainty, not the surface. None are thinned.
+            changes the uncertainty, not the surface. Contacts are not thinned.
         sigma
             Width of the kernel [m]; None takes a fifth of the contacts' spacing.
         beta

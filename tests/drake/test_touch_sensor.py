@@ -21,8 +21,8 @@ from lis_grasp.probing.guarded_motion import GuardedMotion
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake._probe_carriers import ProbeRail
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
-from lis_grasp.simulation.drake.hand_plant import add_hand
-from lis_grasp.simulation.drake.object_plant import add_object
+from lis_grasp.simulation.drake.hand_plant import add_hand_model
+from lis_grasp.simulation.drake.object_plant import add_object_body
 from lis_grasp.simulation.drake.touch_sensor import TouchSensor
 
 STEP = 0.002
@@ -49,9 +49,9 @@ class RailedHand:
         )
         plant, _ = AddMultibodyPlant(config, builder)
         self.plant: MultibodyPlant = plant
-        self.hand = add_hand(plant, Hand.load(hand))
+        self.hand = add_hand_model(plant, Hand.load(hand))
         rail = ProbeRail(plant, self.hand)
-        self.body = add_object(plant, mesh, mass=mass or 1.0).body
+        self.body = add_object_body(plant, mesh, mass=mass or 1.0).body
         if mass is None:
             plant.WeldFrames(plant.world_frame(), self.body.body_frame())
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
@@ -192,16 +192,21 @@ def test_point_contact_is_felt_at_the_same_place_with_one_warning() -> None:
 def test_a_wrong_plant_or_nothing_to_feel_is_refused_in_one_sentence() -> None:
     scene = RailedHand("wsg50", BOX)
     open_plant = MultibodyPlant(STEP)
-    with pytest.raises(InvalidOptionError, match="call plant.Finalize"):
+    with pytest.raises(InvalidOptionError) as error:
         TouchSensor(open_plant, scene.hand)
+    assert error.value.option == "plant"
     open_plant.Finalize()
-    with pytest.raises(InvalidOptionError, match="hand of its plant"):
+    with pytest.raises(InvalidOptionError) as error:
         TouchSensor(open_plant, scene.hand)
-    with pytest.raises(InvalidOptionError, match="nothing to feel"):
+    assert error.value.option == "hand"
+    with pytest.raises(InvalidOptionError) as error:
         TouchSensor(scene.plant, scene.hand, feels=[])
+    assert error.value.option == "feels"
     other = open_plant.world_body()
     for wrong in ({"feels": other}, {"feels": [other]}, {"frame": other}):
-        with pytest.raises(InvalidOptionError, match="bodies of its plant"):
+        with pytest.raises(InvalidOptionError) as error:
             TouchSensor(scene.plant, scene.hand, **wrong)
-    with pytest.raises(InvalidOptionError, match="which add_hand returns; it has a str"):
+        assert error.value.option == next(iter(wrong))
+    with pytest.raises(InvalidOptionError) as error:
         TouchSensor(scene.plant, "wsg50")
+    assert error.value.option == "hand"

@@ -11,14 +11,13 @@ import trimesh
 
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory
+from lis_grasp.arms.use import ArmStoppedError, ArmUse
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_positive
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import GENTLE_SPEED, PROBE_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, as_pose, inverse_pose, rotate
-from lis_grasp.lifting.outcome import ArmUse
-from lis_grasp.lifting.scene import ArmStoppedError
 from lis_grasp.probing.course import Course, Leg, path_back, path_out
 from lis_grasp.probing.guarded_motion import SLIDE_STEP, GuardedMotion
 from lis_grasp.records import read_only
@@ -27,8 +26,8 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake._plant_scene import PlantScene
 from lis_grasp.simulation.drake._probing_scene import ProbingScene
 from lis_grasp.simulation.drake.arm_plant import ArmWatch, add_arm
-from lis_grasp.simulation.drake.hand_plant import add_hand
-from lis_grasp.simulation.drake.object_plant import FreeObject, add_object, add_table
+from lis_grasp.simulation.drake.hand_plant import add_hand_model
+from lis_grasp.simulation.drake.object_plant import FreeObject, add_object_body, add_table
 from lis_grasp.typing import FloatArray
 
 # Free flight needs no dynamics: the simulation starts this far before the first contact [m]; an arm
@@ -66,7 +65,7 @@ class DynamicProber:
     Parameters
     ----------
     hand, mesh
-        The hand and the true object; requirements and errors as of `KinematicProber`.
+        The hand and the true object; for requirements and errors see `KinematicProber`.
     free
         Makes the object free to move on a table, and touches slow; None fixes it.
     force_threshold
@@ -118,7 +117,7 @@ class DynamicProber:
         return None if self._free is None else self._X_EO
 
     def place_object(self, X_EO: FloatArray) -> None:
-        """Place the true object, free and at rest, at a pose, shape (4, 4): that of a record."""
+        """Place the true object, free and at rest, at a recorded pose, shape (4, 4)."""
         self._X_EO = read_only(as_pose(X_EO).copy())
 
     def move_frame(self, X_EF: FloatArray) -> None:
@@ -187,7 +186,7 @@ class DynamicProber:
     def _end_of_slide(self, course: Course) -> Contacts:
         """Return the contacts that the fingertip makes where its slide ends; none without one.
 
-        The way there is that of geometry: a light force bends no finger. Its end is simulated.
+        The way there is computed by geometry: a light force bends no finger. Its end is simulated.
         """
         slide = course.slide
         if slide is None or slide.touched is None:
@@ -261,10 +260,10 @@ class TransitScene:
     def __init__(self, station: Station, mesh: trimesh.Trimesh, use: ArmUse) -> None:
         self._scene = scene = PlantScene(TIME_STEP, contact_model="hydroelastic_with_fallback")
         plant, hand = scene.plant, station.hand
-        self._hand = add_hand(plant, hand)
+        self._hand = add_hand_model(plant, hand)
         posture = next(iter(hand.probe_postures.values())).joint_positions
         self._arm = add_arm(plant, station, self._hand, posture)
-        obj = add_object(plant, mesh, mass=1.0)
+        obj = add_object_body(plant, mesh, mass=1.0)
         table = None
         if station.table is not None:
             table = add_table(plant, station.table.height, under=mesh)

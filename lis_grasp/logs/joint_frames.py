@@ -10,9 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidInputError
 from lis_grasp.logs.readers import FrameTree, RobotLog, TimedForces, TimedPoses, Topic
-from lis_grasp.robots._build_model import pose_matrix, unit_axis
-from lis_grasp.robots._description import DescriptionEdits, apply_edits, parse_description
-from lis_grasp.robots._urdf import naming
+from lis_grasp.robots.described_joints import read_joints
 from lis_grasp.typing import FloatArray
 
 
@@ -25,7 +23,7 @@ def with_link_frames(log: RobotLog, description: Path) -> RobotLog:
     Parameters
     ----------
     log
-        A log with joint states, as of ``/joint_states``, or columns with the joints' names.
+        A log with joint states, such as ``/joint_states``, or columns with the joints' names.
     description
         URDF, SDF or MJCF of the robot. Its meshes are not needed.
 
@@ -36,37 +34,22 @@ def with_link_frames(log: RobotLog, description: Path) -> RobotLog:
     InvalidFileError, InvalidHandError
         If the description cannot be read.
     """
-    with naming(description):
-        robot = apply_edits(parse_description(description), DescriptionEdits())
-        leaders = {
-            joint.name: joint.name if joint.mimic is None else joint.mimic.joint
-            for joint in robot.joints
-            if joint.type != "fixed"
-        }
-        logged = log.joints(tuple(dict.fromkeys(leaders.values())))
-        if not logged:
-            named = ", ".join(leaders) or "none"
-            raise InvalidInputError(
-                f"the log must have joint states of {description}, whose movable joints are"
-                f" {named}; it has none of them"
-            )
-        frames = {}
-        for joint in robot.joints:
-            X_PJ, ends = pose_matrix(joint.origin), (joint.parent, joint.child)
-            if joint.type == "fixed":
-                frames[ends] = _timed(np.zeros(1), X_PJ[None], *ends)
-            elif leaders[joint.name] in logged:
-                times, positions = logged[leaders[joint.name]]
-                if joint.mimic is not None:
-                    ratio = 1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier
-                    positions = ratio * positions + (joint.mimic.offset or 0.0)
-                along = positions[:, None] * unit_axis(joint)  # (T, 3)
-                X_JC = np.tile(np.eye(4), (len(times), 1, 1))
-                if joint.type == "prismatic":
-                    X_JC[:, :3, 3] = along
-                else:
-                    X_JC[:, :3, :3] = Rotation.from_rotvec(along).as_matrix()
-                frames[ends] = _timed(times, X_PJ @ X_JC, *ends)
+    joints = read_joints(description)
+    logged = log.joints(tuple(dict.fromkeys(j.leader for j in joints if not j.is_fixed)))
+    if not logged:
+        named = ", ".join(dict.fromkeys(j.joint.name for j in joints if not j.is_fixed)) or "none"
+        raise InvalidInputError(
+            f"the log must have joint states of {description}, whose movable joints are"
+            f" {named}; it has none of them"
+        )
+    frames = {}
+    for joint in joints:
+        if joint.is_fixed:
+            still = np.zeros(1)
+            frames[joint.ends] = _timed(still, joint.poses(still), *joint.ends)
+        elif joint.leader in logged:
+            times, positions = logged[joint.leader]
+            frames[joint.ends] = _timed(times, joint.poses(positions), *joint.ends)
     base = min({parent for parent, _ in frames} - {child for _, child in frames})
     return _LogWithLinks(log, FrameTree({**log.frames().transforms, **frames}), base)
 
@@ -78,7 +61,7 @@ def _timed(times: FloatArray, X: FloatArray, parent: str, child: str) -> TimedPo
 
 @dataclass(frozen=True, slots=True)
 class _LogWithLinks(RobotLog):
-    """A log with the frames of a robot; poses without a frame are in that of its base."""
+    """A log with the frames of a robot; poses without a frame are in the frame of its base."""
 
     log: RobotLog
     tree: FrameTree
