@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " approach too if there are columns ax,ay,az; also .pcd, .npy, .npz, .off, .xyz and .pts;"
         " several files, one for each sensor, are joined",
     )
-    opt.add_support(
+    opt.add_support_option(
         parser,
         "height of the table under the object, which closes the estimate from below, or none for an"
         " object that is held in the air (default: as recorded, else the estimate is not closed)",

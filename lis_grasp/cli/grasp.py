@@ -30,7 +30,7 @@ _ON_LIS = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     opt.add_mesh(parser)
-    opt.add_support(
+    opt.add_support_option(
         parser,
         "height of the plane below the object (default: as recorded: of an estimate, that of"
         " the table, else of the lowest contact; of another MESH its lowest point)",

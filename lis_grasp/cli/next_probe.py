@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="METRES",
         help="largest extent of the object (default: 1.2 extents of the contacts)",
     )
-    opt.add_support(
+    opt.add_support_option(
         parser,
         "height of the table that the hand avoids, or none for an object that is held in the air"
         " (default: as recorded, else that of the lowest contact)",

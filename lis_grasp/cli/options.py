@@ -164,7 +164,7 @@ def add_object_argument(parser: argparse.ArgumentParser, *, required_name: bool 
     add_options(parser, "size", "units", "up")
 
 
-def add_support(parser: argparse.ArgumentParser, meaning: str) -> None:
+def add_support_option(parser: argparse.ArgumentParser, meaning: str) -> None:
     """Add the height of the table under the object."""
     parser.add_argument("--support", type=_height, metavar="METRES", help=meaning)
 
