@@ -23,6 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Explore, print the summary, and return 0, or 1 if no contact was made."""
+    if opt.written_scene(options):
+        return 0
     task = opt.configure_touch(options)
     folder = results_folder(task, options.output)
     with watched(folder if options.watch else None):

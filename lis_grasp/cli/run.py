@@ -31,6 +31,8 @@ def execute(options: argparse.Namespace) -> int:
 
     Returns 0, or 1 if no grasp was found for one of them.
     """
+    if opt.written_scene(options):
+        return 0
     if options.more:
         return _run_each(options, [options.object, *options.more], options.output or _SEVERAL)
     task = opt.configure_touch(options)
