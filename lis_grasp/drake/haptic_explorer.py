@@ -41,9 +41,7 @@ from lis_grasp.probing.guarded_motion import AT_TABLE
 from lis_grasp.probing.probe_planner import ProbePlanner
 from lis_grasp.records import Record
 from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
-from lis_grasp.stages.estimate import Perception
 from lis_grasp.stages.touch import make_policy
-from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
 # Largest number of probes without a way that one update skips.
@@ -187,7 +185,7 @@ class HapticExplorer(LeafSystem):
     def _declare(self, arm_joints: int, period: float) -> None:
         """Declare ports, state and update."""
         empty = Contacts.empty()
-        estimate = Estimate(empty, Perception())
+        estimate = Estimate(empty)
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(empty))
         self._estimate = self.DeclareAbstractInputPort("estimate", AbstractValue.Make(estimate))
         start = _Progress("begin", self._mover.home())
@@ -231,12 +229,8 @@ class HapticExplorer(LeafSystem):
         source = "the output 'estimate' of a SurfaceEstimator"
         estimate = read_port(self._estimate, context, Estimate, source)
 
-        def estimated(known: Contacts) -> ImplicitSurface:
-            assert estimate.solid is not None
-            return estimate.solid
-
         strategy, explored = self._strategy, before.exploration
-        perception = TactilePerception(estimated, sensor=self._sensor)
+        perception = TactilePerception(estimate.guide, sensor=self._sensor)
         if explored is None or len(contacts) < before.known:  # the sensor was reset
             explored = begin(replace(perception, prior=contacts), strategy)
         elif before.probe is not None:

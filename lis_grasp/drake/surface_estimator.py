@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import trimesh
@@ -28,7 +28,7 @@ class Estimate(Record):
     """The estimate of contacts; each part is made at its first use."""
 
     contacts: Contacts
-    perception: Perception
+    perception: Perception = field(default_factory=Perception)
 
     @cached_property
     def _made(self) -> SurfaceEstimate | None:
@@ -38,6 +38,11 @@ class Estimate(Record):
     def solid(self) -> ImplicitSurface | None:
         """The surface before free space is removed; None without contacts."""
         return None if self._made is None else self._made.solid
+
+    def guide(self, contacts: Contacts) -> ImplicitSurface:
+        """Return the surface that guides touches, of the same contacts."""
+        assert self.solid is not None
+        return self.solid
 
     @property
     def surface(self) -> ImplicitSurface | None:
