@@ -33,7 +33,7 @@ from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasp_quality import SUCCESS_MODEL, GraspScorer
 from lis_grasp.grasping.grasps import LoadPrior
 from lis_grasp.io.json_lines import Row
-from lis_grasp.pipeline.known import UNKNOWN_LOAD
+from lis_grasp.stages.agent import UNKNOWN_LOAD
 from lis_grasp_studies.harness.calibration import (
     chance_calibration_error,
     expected_calibration_error,

@@ -18,8 +18,8 @@ import pytest
 import lis_grasp
 import lis_grasp_studies
 from lis_grasp import pipeline
-from lis_grasp.pipeline import known, lifting_stage, next_touch, stages
-from lis_grasp.pipeline.stages import make_estimator, make_policy
+from lis_grasp.stages import agent, lift, next_touch
+from lis_grasp.stages.touch import make_estimator, make_policy, stop_rules
 
 PACKAGE = Path(lis_grasp.__file__).resolve().parent
 STUDIES = Path(lis_grasp_studies.__file__).resolve().parent
@@ -42,6 +42,11 @@ LAYERS = [
     ["simulation"],
     ["evaluation"],
     ["visualization"],
+    ["task"],
+    ["stages"],
+    ["results"],
+    ["exports"],
+    ["service"],
     ["pipeline"],
     ["drake"],
     ["cli"],
@@ -171,7 +176,7 @@ sys.modules["pydrake"] = None
 import numpy as np
 import lis_grasp
 from lis_grasp import pipeline
-from lis_grasp.pipeline import known, lifting_stage, next_touch, scenario, stages
+from lis_grasp.stages import agent, lift, next_touch, scenario, touch
 for name in lis_grasp.__all__:
     getattr(lis_grasp, name)
 from lis_grasp import ForceClosureSampler, Hand, LocalImplicitSurface, Contacts, extract_mesh
@@ -221,7 +226,7 @@ def test_no_true_object_reaches_exploration_estimation_or_planning() -> None:
 
 def test_the_true_object_is_no_part_of_what_is_known() -> None:
     """What decides for the robot gets `Known`; of true things it has neither types nor names."""
-    types = get_type_hints(pipeline.Known, {**vars(pipeline), **vars(known)})
+    types = get_type_hints(pipeline.Known, {**vars(pipeline), **vars(agent)})
     assert not {"shape", "truth", "config", "object", "mass", "friction"} & set(types)
     for text in map(str, types.values()):
         assert not any(name in text for name in ("Shape", "Truth", "Scenario", "RunConfig")), text
@@ -234,8 +239,8 @@ def test_the_true_object_is_no_part_of_what_is_known() -> None:
         pipeline.plan,
         make_policy,
         make_estimator,
-        stages.stop_rules,
-        lifting_stage.lift_options,
+        stop_rules,
+        lift.lift_options,
         next_touch.next_touch,
     ],
 )
@@ -246,7 +251,8 @@ def test_no_decision_of_the_robot_is_given_the_true_object(decision: Callable[..
 
 
 def test_a_function_of_the_pipeline_has_at_most_five_parameters() -> None:
-    for path in (PACKAGE / "pipeline").rglob("*.py"):
+    rooms = ("task", "stages", "results", "exports", "service", "pipeline")
+    for path in (path for room in rooms for path in (PACKAGE / room).rglob("*.py")):
         for node in _nodes(path):
             if isinstance(node, ast.FunctionDef):
                 arguments = node.args

@@ -17,8 +17,9 @@ from lis_grasp.cli.main import build_parser
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import POLICIES, pose_tracking
 from lis_grasp.exploration.probe import ProbeStatus
-from lis_grasp.pipeline import RunConfig, summary
+from lis_grasp.pipeline import RunConfig
 from lis_grasp.probing import approach_planner, guarded_motion, probe_planner
+from lis_grasp.results import summary
 from lis_grasp.robots.shipped_models import READY_HANDS, VENDOR_HANDS
 from lis_grasp.shapes import NAMES
 from lis_grasp.simulation.drake import dynamic_prober

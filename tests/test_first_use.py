@@ -31,6 +31,7 @@ from lis_grasp.exceptions import (
 )
 from lis_grasp.pipeline import Scenario, direct
 from lis_grasp.surfaces import BlendedImplicitSurface
+from lis_grasp.task.conditions import UNKNOWN
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 CONTACTS = Contacts(0.03 * AXES, AXES, fingers=tuple("abcdef"), free_points=[[0.1, 0.0, 0.0]])
@@ -237,7 +238,7 @@ def test_a_run_has_known_conditions_unless_those_of_the_command_are_given(
     configs: list[RunConfig],
 ) -> None:
     lis_grasp.run("box")
-    lis_grasp.run("box", **pipeline.conditions.UNKNOWN)
+    lis_grasp.run("box", **UNKNOWN)
     for config, flags in zip(configs, (["--known"], []), strict=True):
         assert config == configure_touch(build_parser("run").parse_args(["run", "box", *flags]))
 

@@ -22,14 +22,14 @@ from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.io.trajectory_files import write_joint_trajectory, write_trajectory_csv
 from lis_grasp.lifting.wrist_path import minimum_jerk
-from lis_grasp.pipeline.file_stages import recorded_base
-from lis_grasp.pipeline.known import base_at, find_obstacles
-from lis_grasp.pipeline.results_folder import read_facts
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.summary import REJECTIONS
+from lis_grasp.results.file_stages import recorded_base
+from lis_grasp.results.summary import REJECTIONS
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import ARM_NAMES
+from lis_grasp.stages.agent import base_at, find_obstacles
+from lis_grasp.task.recorded_facts import read_facts
+from lis_grasp.task.run_config import RunConfig
 
 _CLOSING, _STEP = 1.0, 0.02  # time in which the hand closes, and between two points of it [s]
 

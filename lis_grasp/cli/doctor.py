@@ -16,12 +16,12 @@ from lis_grasp import pipeline
 from lis_grasp.arms.check import check_arm
 from lis_grasp.cli.progress import say, say_findings
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
-from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import Finding, check_hand
 from lis_grasp.robots.repair_file import write_repaired
 from lis_grasp.robots.yaml_files import description_of
+from lis_grasp.task.run_config import RunConfig
 from lis_grasp.version import __version__
 
 _PACKAGES = ("drake", "numpy", "scipy", "trimesh", "python-fcl", "meshcat", "manifold3d")

@@ -8,11 +8,11 @@ from pathlib import Path
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, say
 from lis_grasp.cli.view import watched
-from lis_grasp.pipeline.exploring import explore_object
-from lis_grasp.pipeline.report_json import exploration_facts
-from lis_grasp.pipeline.results_folder import LOG, results_folder
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.summary import exploration_lines
+from lis_grasp.results.exploring import explore_object
+from lis_grasp.results.folder import LOG, results_folder
+from lis_grasp.results.report import exploration_facts
+from lis_grasp.results.summary import exploration_lines
+from lis_grasp.task.run_config import RunConfig
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -10,11 +10,11 @@ from pathlib import Path
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, Stage, say
 from lis_grasp.exceptions import InvalidFileError, require_at_least
-from lis_grasp.pipeline.file_stages import load_mesh
-from lis_grasp.pipeline.object_models import FORMATS, MARK, VISUAL, ObjectModel
-from lis_grasp.pipeline.results_folder import read_facts
-from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.exports.object_models import FORMATS, MARK, VISUAL, ObjectModel
+from lis_grasp.results.file_stages import load_mesh
 from lis_grasp.shapes.solids import convex_parts
+from lis_grasp.task.recorded_facts import read_facts
+from lis_grasp.task.run_config import RunConfig
 
 _MOST_PARTS = 32
 

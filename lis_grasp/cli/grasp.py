@@ -11,14 +11,14 @@ from typing import Any
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, Stage, say, say_search
 from lis_grasp.exceptions import InvalidOptionError, require_packages
+from lis_grasp.exports.dexgraspbench import TabletopObject, save_for_dexgraspbench
 from lis_grasp.grasping.export import save_isaac_grasps, save_moveit_grasps
 from lis_grasp.io.atomic_writing import write_json
-from lis_grasp.pipeline.dexgraspbench import TabletopObject, save_for_dexgraspbench
-from lis_grasp.pipeline.file_stages import PLANNED_WITH, GraspedFile, grasp_file
-from lis_grasp.pipeline.labels import label_file
-from lis_grasp.pipeline.scenario import find_object
+from lis_grasp.results.file_stages import PLANNED_WITH, GraspedFile, grasp_file
+from lis_grasp.results.labels import label_file
 from lis_grasp.shapes import placed_as_recorded
 from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces
+from lis_grasp.stages.scenario import find_object
 
 # docs/study/rows.parquet: of 114 grasps planned on `lis` 58 held, with a mean prediction of 0.72.
 _ON_LIS = (

@@ -18,7 +18,7 @@ from lis_grasp.logs.contacts import Finger, LogFrames, contacts_from_log
 from lis_grasp.logs.detection import FORCES_ON, NORMAL_SOURCES, TouchDetection
 from lis_grasp.logs.patches import PatchDetection, TactilePatches, contacts_from_patches
 from lis_grasp.logs.readers import open_log
-from lis_grasp.pipeline.results_folder import result_file
+from lis_grasp.results.folder import result_file
 from lis_grasp.robots.joint_frames import with_link_frames
 from lis_grasp.robots.model_uri import resolve_uri
 from lis_grasp.typing import FloatArray

@@ -19,19 +19,19 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.exploration import Exploration, ProbeOutcome, TouchLog
 from lis_grasp.io.atomic_writing import sole_writer, write_json
-from lis_grasp.pipeline.contact_sources import (
+from lis_grasp.results.folder import LOG, read_touches
+from lis_grasp.robots.hand import Hand
+from lis_grasp.shapes import STABLE
+from lis_grasp.stages.agent import Known
+from lis_grasp.stages.contact_sources import (
     ContactSource,
     load_source,
     prior_contacts,
     read_source,
 )
-from lis_grasp.pipeline.known import Known
-from lis_grasp.pipeline.next_touch import NextTouch, ObjectPlace, next_touch
-from lis_grasp.pipeline.results_folder import LOG, read_touches
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.robots.hand import Hand
-from lis_grasp.shapes import STABLE
+from lis_grasp.stages.next_touch import NextTouch, ObjectPlace, next_touch
 from lis_grasp.surfaces import judge_contacts
+from lis_grasp.task.run_config import RunConfig
 from lis_grasp.typing import FloatArray
 
 _READING = ("units", "normals", "fingertip_radius", "viewpoint")  # what a file does not say
@@ -192,7 +192,7 @@ def _cloud(path: Path | str | None) -> Contacts:
 def _serve(options: argparse.Namespace, place: ObjectPlace, config: RunConfig) -> None:
     """Answer requests until one is to stop, or the standard input ends."""
     from lis_grasp.io.request_lines import answer_lines, serve_socket
-    from lis_grasp.pipeline.touch_service import TouchService
+    from lis_grasp.service.touch_service import TouchService
 
     if options.output is not None and options.output.suffix.lower() == ".json":
         raise InvalidOptionError.out_of_range("--output", str(options.output), "a folder")

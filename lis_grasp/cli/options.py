@@ -9,12 +9,12 @@ from typing import Any, get_args
 
 from lis_grasp.cli.progress import with_flags
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.pipeline.conditions import IDEAL_SENSOR, KNOWN, UNKNOWN
-from lis_grasp.pipeline.contact_sources import ContactSource
-from lis_grasp.pipeline.option import Option, kind_of, options_of
-from lis_grasp.pipeline.run_config import ARM, GRASPING, SENSOR, SURFACE, TOUCHING, RunConfig
+from lis_grasp.io.option import Option, kind_of, options_of
 from lis_grasp.shapes import STABLE, UNITS
+from lis_grasp.stages.contact_sources import ContactSource
 from lis_grasp.surfaces.contact_loading import NormalSide
+from lis_grasp.task.conditions import IDEAL_SENSOR, KNOWN, UNKNOWN
+from lis_grasp.task.run_config import ARM, GRASPING, SENSOR, SURFACE, TOUCHING, RunConfig
 
 _GROUPS = (TOUCHING, SENSOR, SURFACE, GRASPING, ARM)
 

@@ -18,7 +18,7 @@ from lis_grasp.exceptions import OutputError
 
 if TYPE_CHECKING:
     from lis_grasp.grasping.grasps import GraspSearch
-    from lis_grasp.pipeline.progress import Progress
+    from lis_grasp.results.progress import Progress
     from lis_grasp.robots.hand_check import Finding
 
 _LOG = logging.getLogger("lis_grasp")
@@ -157,7 +157,7 @@ def say_search(search: GraspSearch) -> None:
             f" {fingers}"
         )
         return
-    from lis_grasp.pipeline.summary import REJECTIONS
+    from lis_grasp.results.summary import REJECTIONS
 
     say("no grasp found; rejected candidates by reason:")
     for reason, count in sorted(search.rejections.items(), key=lambda item: -item[1]):

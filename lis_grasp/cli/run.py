@@ -10,10 +10,10 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, complain, say, say_search
 from lis_grasp.cli.view import watched
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, LisGraspError, counted
-from lis_grasp.pipeline.results_folder import results_folder
-from lis_grasp.pipeline.run_config import LIFTING
-from lis_grasp.pipeline.scenario import find_object
-from lis_grasp.pipeline.summary import run_lines
+from lis_grasp.results.folder import results_folder
+from lis_grasp.results.summary import run_lines
+from lis_grasp.stages.scenario import find_object
+from lis_grasp.task.run_config import LIFTING
 
 _SEVERAL = Path("results/objects")
 

@@ -18,8 +18,8 @@ from lis_grasp.exceptions import EstimationError
 from lis_grasp.exploration import TactileSensor
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline import Perception
-from lis_grasp.pipeline.stages import make_estimator
 from lis_grasp.records import Record
+from lis_grasp.stages.touch import make_estimator
 from lis_grasp.surfaces import Estimator, ImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import above_table, carved
 

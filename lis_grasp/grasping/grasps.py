@@ -142,7 +142,7 @@ class GraspSearch(Record, Sequence[Grasp]):
     grasps
         Accepted grasps, the best first.
     rejections
-        Number of rejected candidates by reason (`lis_grasp.pipeline.summary.REJECTIONS`).
+        Number of rejected candidates by reason (`lis_grasp.results.summary.REJECTIONS`).
     candidates
         Number of all candidates.
 

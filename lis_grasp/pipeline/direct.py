@@ -19,16 +19,17 @@ from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.exploration import Exploration
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.outcome import LiftOutcome
-from lis_grasp.pipeline import lifting_stage, stages
-from lis_grasp.pipeline._run import run as run_with_files
-from lis_grasp.pipeline.known import Known
-from lis_grasp.pipeline.results import Run
-from lis_grasp.pipeline.run_config import LIFTING, RunConfig, require_used
-from lis_grasp.pipeline.scenario import Scenario, find_object
+from lis_grasp.results.run_results import Run
+from lis_grasp.results.whole_run import run as run_with_files
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import HAND_REGISTRY
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.shape import require_mesh
+from lis_grasp.stages import lift as lifting_stage
+from lis_grasp.stages import touch as stages
+from lis_grasp.stages.agent import Known
+from lis_grasp.stages.scenario import Scenario, find_object
+from lis_grasp.task.run_config import LIFTING, RunConfig, require_used
 from lis_grasp.typing import Seed
 
 AnyObject: TypeAlias = str | Path | Shape | trimesh.Trimesh

@@ -54,7 +54,7 @@ def _default_estimators() -> tuple[str, ...]:
 
 def execute(options: argparse.Namespace) -> None:
     """Run the missing trials, draw the figures, write the report."""
-    from lis_grasp.pipeline.run_config import RunConfig
+    from lis_grasp.task.run_config import RunConfig
     from lis_grasp_studies.harness.page import write_figures
     from lis_grasp_studies.harness.rows import TrialResults
     from lis_grasp_studies.harness.runner import local_scheduler
@@ -94,8 +94,8 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
-    from lis_grasp.pipeline.run_config import RunConfig
     from lis_grasp.surfaces.estimators import find_estimator
+    from lis_grasp.task.run_config import RunConfig
     from lis_grasp_studies.estimators import COMPARED
 
     default = _QUICK_ESTIMATORS if options.quick else _default_estimators()

@@ -25,7 +25,7 @@ _SETS = ("evaluation", "development")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     from lis_grasp.cli import options as opt
-    from lis_grasp.pipeline.run_config import RunConfig
+    from lis_grasp.task.run_config import RunConfig
     from lis_grasp_studies.harness.page import add_figures
     from lis_grasp_studies.harness.program import add_estimator
 
@@ -122,8 +122,8 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
-    from lis_grasp.pipeline.run_config import RunConfig
     from lis_grasp.surfaces.estimators import find_estimator
+    from lis_grasp.task.run_config import RunConfig
     from lis_grasp_studies.contact_study.score import Box
     from lis_grasp_studies.estimators import TUNED
 

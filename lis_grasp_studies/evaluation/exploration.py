@@ -17,8 +17,9 @@ from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_radius
 from lis_grasp.exploration import begin
 from lis_grasp.exploration.loop import end
 from lis_grasp.io.json_lines import Row
-from lis_grasp.pipeline.conditions import UNKNOWN
-from lis_grasp.pipeline.scenario import place_object
+from lis_grasp.stages.scenario import place_object
+from lis_grasp.stages.touch import exploration_setup
+from lis_grasp.task.conditions import UNKNOWN
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.study.trial import Setup, find_object
@@ -60,7 +61,7 @@ def measure_exploration(trial: ExplorationTrial, policy: str) -> list[Row]:
     )
     outcomes, rows = pipeline.touch(scenario).outcomes, []
     for count in counts:
-        setup = replace(pipeline.stages.exploration_setup(scenario.known), touches=count)
+        setup = replace(exploration_setup(scenario.known), touches=count)
         part = end(setup, begin(setup, outcomes), "").result
         _, mesh = pipeline.estimate(scenario.known, part.contacts)
         error, ends = surface_error(mesh, shape, samples=2000), end_errors(mesh, shape.mesh)

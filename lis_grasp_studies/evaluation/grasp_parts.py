@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from lis_grasp.io.json_lines import Row
-from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.task.run_config import RunConfig
 from lis_grasp_studies.evaluation.grasp_tables import (
     REFERENCE,
     SUBJECT,

@@ -16,7 +16,7 @@ from urllib.parse import quote
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.pipeline import Run
-from lis_grasp.pipeline.summary import headline
+from lis_grasp.results.summary import headline
 from lis_grasp_studies.figures.static_scene import draw_still
 from lis_grasp_studies.figures.style import add_panel, new_figure, png_of
 from lis_grasp_studies.harness.program import exit_code, read_options

@@ -20,15 +20,15 @@ from lis_grasp.exploration import STEP_FRACTION, ProbeOutcome
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io.json_lines import Row
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline.known import Perception
-from lis_grasp.pipeline.regrasp import Stages, grasp_with_tactile_check
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.scenario import Scenario
-from lis_grasp.pipeline.stages import Stopwatch
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, placed
+from lis_grasp.stages.agent import Perception
+from lis_grasp.stages.regrasp import Stages, grasp_with_tactile_check
+from lis_grasp.stages.scenario import Scenario
+from lis_grasp.stages.touch import Stopwatch
 from lis_grasp.surfaces import estimate as estimate_surface
 from lis_grasp.surfaces.estimators import find_estimator
+from lis_grasp.task.run_config import RunConfig
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.estimators import COMPARED
 from lis_grasp_studies.harness.rows import Job

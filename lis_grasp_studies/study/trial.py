@@ -18,14 +18,14 @@ from pydantic import ConfigDict, Field, StrictFloat, StrictInt, StrictStr
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, shown
 from lis_grasp.exploration import POLICIES
 from lis_grasp.exploration.policy import POLICY_NAMES
-from lis_grasp.pipeline.conditions import CONDITIONS
-from lis_grasp.pipeline.run_config import PROBERS, RunConfig
-from lis_grasp.pipeline.scenario import place_object
 from lis_grasp.robots.shipped_models import HAND_NAMES, VENDOR_HANDS, hand_path
 from lis_grasp.robots.yaml_files import description_of
 from lis_grasp.shapes import NAMES, UNITS, Shape, find
+from lis_grasp.stages.scenario import place_object
 from lis_grasp.surfaces import ESTIMATORS
 from lis_grasp.surfaces.estimators import find_estimator
+from lis_grasp.task.conditions import CONDITIONS
+from lis_grasp.task.run_config import PROBERS, RunConfig
 from lis_grasp_studies.estimators import COMPARED, Noise
 from lis_grasp_studies.test_objects.shape_sets import TEST_OBJECTS, graspable_shape
 

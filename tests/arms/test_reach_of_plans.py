@@ -14,7 +14,6 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.pipeline.summary import REJECTIONS
 from lis_grasp.probing.approach_planner import (
     FREE,
     INSIDE,
@@ -25,6 +24,7 @@ from lis_grasp.probing.approach_planner import (
     KeepOut,
 )
 from lis_grasp.probing.guarded_motion import GuardedMotion
+from lis_grasp.results.summary import REJECTIONS
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
 

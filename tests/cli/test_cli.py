@@ -30,7 +30,7 @@ from lis_grasp.exploration.touch_log import read_log
 from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import OBJECT, Motion
-from lis_grasp.pipeline.run_scene import scene_of
+from lis_grasp.results.page import scene_of
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.visualization._drawing import OBJECT_NODE, Canvas, animate
 from lis_grasp.visualization.hand_layers import draw_motion

@@ -10,7 +10,7 @@ import pytest
 from lis_grasp.cli.main import build_parser
 from lis_grasp.cli.options import configure_touch
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.pipeline.conditions import IDEAL_SENSOR, KNOWN, REAL_SENSOR, UNKNOWN
+from lis_grasp.task.conditions import IDEAL_SENSOR, KNOWN, REAL_SENSOR, UNKNOWN
 
 
 def facts(*arguments: str, verb: str = "run") -> dict[str, Any]:

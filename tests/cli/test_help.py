@@ -7,9 +7,9 @@ import pytest
 from lis_grasp.cli.examples import EXAMPLES
 from lis_grasp.cli.main import _CORE_VERBS, _verb_registry, build_parser, main
 from lis_grasp.exploration import POLICIES
-from lis_grasp.pipeline.option import options_of
-from lis_grasp.pipeline.run_config import ESTIMATOR_MEANINGS, POLICY_MEANINGS, RunConfig
+from lis_grasp.io.option import options_of
 from lis_grasp.surfaces import ESTIMATORS
+from lis_grasp.task.run_config import ESTIMATOR_MEANINGS, POLICY_MEANINGS, RunConfig
 
 ADDED = {name: _verb_registry().find(name) for name in _verb_registry().names[len(_CORE_VERBS) :]}
 EXAMPLES_OF_ALL = {**EXAMPLES, **{name: module.EXAMPLES for name, module in ADDED.items()}}

@@ -28,10 +28,10 @@ from lis_grasp.drake import (
 )
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import ExplorationSetup, TactileSensor, Workspace, begin, choose
-from lis_grasp.pipeline.stages import make_estimator, make_policy
 from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
 from lis_grasp.simulation import DynamicProber
 from lis_grasp.simulation.drake.hand_plant import PROBING_SKIN
+from lis_grasp.stages.touch import make_estimator, make_policy
 from lis_grasp.surfaces import estimate
 
 BOX = trimesh.creation.box([0.06, 0.08, 0.12])

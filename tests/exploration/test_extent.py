@@ -21,9 +21,9 @@ from lis_grasp.exploration import (
 )
 from lis_grasp.exploration.extent import ends_of, extent_probe, open_ends, unseen_ends
 from lis_grasp.exploration.loop import choose
-from lis_grasp.pipeline.stages import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
+from lis_grasp.stages.touch import make_policy
 from lis_grasp.surfaces import ESTIMATORS, carved
 
 REGION = Region(tip_radius=0.004)

@@ -31,10 +31,10 @@ from lis_grasp.exploration.probe_motions import (
 )
 from lis_grasp.exploration.targets import Targets
 from lis_grasp.geometry import hull_crossing
-from lis_grasp.pipeline.scenario import workspace
-from lis_grasp.pipeline.stages import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
+from lis_grasp.stages.scenario import workspace
+from lis_grasp.stages.touch import make_policy
 from lis_grasp.surfaces import ESTIMATORS
 
 RADIUS = 0.05

@@ -23,7 +23,7 @@ from lis_grasp.exploration import (
 )
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.pipeline import RunConfig, Scenario
-from lis_grasp.pipeline.stages import stop_rules
+from lis_grasp.stages.touch import stop_rules
 from lis_grasp.surfaces import GaussianProcessImplicitSurface, ImplicitSurface
 
 BOX, HAND = shapes.build("box"), Hand.load("allegro")

@@ -8,7 +8,7 @@ import numpy as np
 from lis_grasp.exploration import Exploration, Probe, ProbeOutcome, Prober, TouchLog
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.pipeline import RunConfig, Scenario, touch
-from lis_grasp.pipeline.stages import make_prober
+from lis_grasp.stages.touch import make_prober
 
 CONFIG = RunConfig("mallet", hand="wsg50", prober="kinematic", touches=30, estimator="gpis")
 

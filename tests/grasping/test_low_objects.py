@@ -19,7 +19,7 @@ from lis_grasp.grasping.grasp_quality import GraspScorer
 from lis_grasp.grasping.grasps import Grasp, LoadPrior
 from lis_grasp.grasping.hand_capacity import least_pinched_height
 from lis_grasp.grasping.inverse_kinematics import solve_ik
-from lis_grasp.pipeline.summary import no_grasp_sentence
+from lis_grasp.results.summary import no_grasp_sentence
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.shipped_models import model_path
 

@@ -12,11 +12,11 @@ from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, TooManyBadContactsError
 from lis_grasp.pipeline import ContactSource, RunConfig, Scenario, estimate_file, grasp_file
-from lis_grasp.pipeline.next_touch import ObjectPlace
-from lis_grasp.pipeline.results_folder import read_facts
-from lis_grasp.pipeline.run_scene import scene_of
-from lis_grasp.pipeline.stages import exploration_setup
+from lis_grasp.results.page import scene_of
+from lis_grasp.stages.next_touch import ObjectPlace
+from lis_grasp.stages.touch import exploration_setup
 from lis_grasp.surfaces import estimate, judge_contacts
+from lis_grasp.task.recorded_facts import read_facts
 
 BOX = trimesh.creation.box(extents=[0.06, 0.05, 0.04])
 FLIPPED, STRAY = 7, 20
@@ -64,7 +64,7 @@ def test_contacts_are_judged_once_for_strays_and_estimate(
     known = Scenario.from_config(RunConfig("box", hand="wsg50")).known
     judged: list[Contacts] = []
     monkeypatch.setattr(
-        "lis_grasp.pipeline.known.judge_contacts",
+        "lis_grasp.stages.agent.judge_contacts",
         lambda contacts, **noise: judged.append(contacts) or judge_contacts(contacts, **noise),
     )
     setup, contacts = exploration_setup(known), Contacts.load(touches)

@@ -16,10 +16,10 @@ from lis_grasp.exceptions import InvalidContactsError
 from lis_grasp.exploration import TactileSensor, load_outcomes
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.pipeline import ContactSource, RunConfig, Scenario
-from lis_grasp.pipeline.contact_sources import join_sources, load_source
-from lis_grasp.pipeline.results_folder import read_facts
-from lis_grasp.pipeline.stages import make_estimator
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
+from lis_grasp.stages.contact_sources import join_sources, load_source
+from lis_grasp.stages.touch import make_estimator
+from lis_grasp.task.recorded_facts import read_facts
 
 NOISE, TILT = 0.001, 0.05
 

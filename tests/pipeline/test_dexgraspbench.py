@@ -12,9 +12,9 @@ import yaml
 from made_grasps import jaw_grasp
 
 from lis_grasp.cli.main import main
+from lis_grasp.exports.dexgraspbench import TabletopObject, save_for_dexgraspbench
 from lis_grasp.grasping.export import squeeze_posture
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.pipeline.dexgraspbench import TabletopObject, save_for_dexgraspbench
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import HAND_NAMES
 

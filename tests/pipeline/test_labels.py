@@ -14,10 +14,10 @@ from made_grasps import jaw_grasp
 
 from lis_grasp import GraspSearch, Hand, pipeline, shapes
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exports.dexgraspbench import TabletopObject, save_for_dexgraspbench
 from lis_grasp.grasping.export import save_isaac_grasps
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.io import provenance
-from lis_grasp.pipeline.dexgraspbench import TabletopObject, save_for_dexgraspbench
 
 parquet = pytest.importorskip("pyarrow.parquet", reason="needs the extra study")
 

@@ -16,7 +16,7 @@ from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import Exploration, Region, Workspace
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.io import provenance
-from lis_grasp.pipeline.next_touch import ObjectPlace, next_touch
+from lis_grasp.stages.next_touch import ObjectPlace, next_touch
 
 
 @pytest.fixture(scope="module")

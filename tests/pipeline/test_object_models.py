@@ -12,7 +12,7 @@ import trimesh
 from lis_grasp import shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.pipeline.object_models import FORMATS, ObjectModel
+from lis_grasp.exports.object_models import FORMATS, ObjectModel
 from lis_grasp.shapes.solids import convex_parts
 
 

@@ -10,9 +10,9 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Exploration, Probe, ProbeOutcome, begin
 from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.pipeline import RunConfig, Scenario
-from lis_grasp.pipeline.conditions import UNKNOWN
-from lis_grasp.pipeline.report_json import motion_facts, motion_line
-from lis_grasp.pipeline.stages import exploration_setup, make_prober, make_tracker, touch_steps
+from lis_grasp.results.report import motion_facts, motion_line
+from lis_grasp.stages.touch import exploration_setup, make_prober, make_tracker, touch_steps
+from lis_grasp.task.conditions import UNKNOWN
 
 BOX = shapes.build("box", 0.06)
 SCENARIO = Scenario.from_config(RunConfig(), BOX)

@@ -7,7 +7,8 @@ import pytest
 
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.pipeline import RunConfig
-from lis_grasp.pipeline.results_folder import RecordedFacts, read_facts, read_touches
+from lis_grasp.results.folder import read_touches
+from lis_grasp.task.recorded_facts import RecordedFacts, read_facts
 
 
 def _file_with(tmp_path: Path, **facts: object) -> Path:

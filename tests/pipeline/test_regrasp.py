@@ -19,12 +19,13 @@ from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io import provenance
 from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome
-from lis_grasp.pipeline import ContactSource, RunConfig, Scenario, estimate_file, regrasp
-from lis_grasp.pipeline._stage_files import StoredStages
-from lis_grasp.pipeline.progress import SILENT
-from lis_grasp.pipeline.regrasp import Attempt, Lesson, Stages, grasp_with_tactile_check, touch_more
-from lis_grasp.pipeline.stages import Stopwatch
+from lis_grasp.pipeline import ContactSource, RunConfig, Scenario, estimate_file
+from lis_grasp.results.progress import SILENT
+from lis_grasp.results.stage_files import StoredStages
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
+from lis_grasp.stages import regrasp
+from lis_grasp.stages.regrasp import Attempt, Lesson, Stages, grasp_with_tactile_check, touch_more
+from lis_grasp.stages.touch import Stopwatch
 
 ALLEGRO = Hand.load("allegro")
 BOX = shapes.build("box")

@@ -12,9 +12,9 @@ from lis_grasp.cli.main import main
 from lis_grasp.exploration import load_outcomes
 from lis_grasp.io import provenance
 from lis_grasp.pipeline import RunConfig, Scenario
-from lis_grasp.pipeline.exploring import explore_into
+from lis_grasp.results.exploring import explore_into
 
-MODULE = "lis_grasp.pipeline.stages"
+MODULE = "lis_grasp.stages.touch"
 POLICY = """
 from lis_grasp.exploration import Probe
 
@@ -60,7 +60,7 @@ def test_an_exploration_depends_on_the_code_that_it_runs_alone() -> None:
     rooms = {name.split(".")[1] for name in modules if "." in name}
     assert not rooms & {"cli", "visualization", "evaluation", "simulation", "logs"}
     assert "lis_grasp.grasping.sampler" not in modules
-    assert "lis_grasp.pipeline.report_json" not in modules
+    assert "lis_grasp.results.report" not in modules
     assert "lis_grasp.simulation.drake.dynamic_prober" in _modules("lis_grasp.grasping")
     assert "lis_grasp.grasping.sampler" in _modules()  # for a rule that waits for a grasp
 

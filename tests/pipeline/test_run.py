@@ -11,8 +11,8 @@ from lis_grasp.exceptions import EstimationError, InvalidFileError
 from lis_grasp.exploration import ExplorationState
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline import Run, RunConfig
-from lis_grasp.pipeline.conditions import UNKNOWN
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
+from lis_grasp.task.conditions import UNKNOWN
 
 
 @pytest.fixture(scope="module")
@@ -81,6 +81,6 @@ def test_a_folder_without_results_is_refused(tmp_path) -> None:
 
 def test_a_run_without_a_contact_is_an_error(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     steps = iter([ExplorationState(), ExplorationState(ended="nothing to touch")])
-    monkeypatch.setattr("lis_grasp.pipeline.exploring.touch_steps", lambda *_: steps)
+    monkeypatch.setattr("lis_grasp.results.exploring.touch_steps", lambda *_: steps)
     with pytest.raises(EstimationError, match="no contact"):
         pipeline.run(RunConfig(prober="kinematic", touches=2), tmp_path)

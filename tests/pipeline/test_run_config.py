@@ -10,9 +10,9 @@ import pytest
 
 from lis_grasp import Hand, RunConfig, explore, pipeline, shapes
 from lis_grasp.exceptions import InvalidHandError, InvalidInputError, InvalidOptionError
-from lis_grasp.pipeline import regrasp
-from lis_grasp.pipeline.option import options_of
-from lis_grasp.pipeline.scenario import workspace
+from lis_grasp.io.option import options_of
+from lis_grasp.stages import regrasp
+from lis_grasp.stages.scenario import workspace
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from lis_grasp import shapes
 from lis_grasp.grasping.hand_capacity import narrowest_width
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.lifting.outcome import Reason
-from lis_grasp.pipeline.summary import (
+from lis_grasp.results.summary import (
     LIFT_REASONS,
     REJECTIONS,
     exploration_lines,

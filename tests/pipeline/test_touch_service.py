@@ -16,8 +16,8 @@ from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidInputError, LisGraspError
 from lis_grasp.exploration import TouchLog, load_outcomes
 from lis_grasp.pipeline import Known, RunConfig
-from lis_grasp.pipeline.next_touch import ObjectPlace, next_touch
-from lis_grasp.pipeline.touch_service import TouchService
+from lis_grasp.service.touch_service import TouchService
+from lis_grasp.stages.next_touch import ObjectPlace, next_touch
 
 BOX = shapes.build("box", 0.12).mesh
 PLACE = ObjectPlace(center=(0.0, 0.0, 0.0), size=0.12, support=float(BOX.bounds[0, 2]))

@@ -17,11 +17,11 @@ from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import Exploration
 from lis_grasp.io import provenance
 from lis_grasp.pipeline import RunConfig, Scenario, estimate, run, touch
-from lis_grasp.pipeline.conditions import IDEAL_SENSOR, UNKNOWN
-from lis_grasp.pipeline.report_json import exploration_facts
-from lis_grasp.pipeline.stages import make_prober
-from lis_grasp.pipeline.summary import exploration_lines
+from lis_grasp.results.report import exploration_facts
+from lis_grasp.results.summary import exploration_lines
 from lis_grasp.shapes import Shape, placed
+from lis_grasp.stages.touch import make_prober
+from lis_grasp.task.conditions import IDEAL_SENSOR, UNKNOWN
 
 CONFIG = RunConfig(
     **{**UNKNOWN, "free": False}, object="cylinder", prober="kinematic", touches=8, seed=2

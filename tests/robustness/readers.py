@@ -44,11 +44,8 @@ from lis_grasp.logs import (
     open_log,
 )
 from lis_grasp.motion import Motion
-from lis_grasp.pipeline.next_touch import ObjectPlace
-from lis_grasp.pipeline.results import Run
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.run_scene import scene_of
-from lis_grasp.pipeline.touch_service import TouchService
+from lis_grasp.results.page import scene_of
+from lis_grasp.results.run_results import Run
 from lis_grasp.robots._build_model import build_model
 from lis_grasp.robots._description import DescriptionEdits, parse_description
 from lis_grasp.robots.arm import Arm
@@ -57,9 +54,12 @@ from lis_grasp.robots.hand_check import check_hand
 from lis_grasp.robots.kinematics import link_kinematics
 from lis_grasp.robots.link_bodies import load_mesh
 from lis_grasp.robots.shipped_models import model_path
+from lis_grasp.service.touch_service import TouchService
 from lis_grasp.shapes.loading import load_obstacles
 from lis_grasp.shapes.placement import draw_pose
+from lis_grasp.stages.next_touch import ObjectPlace
 from lis_grasp.surfaces import load_contacts
+from lis_grasp.task.run_config import RunConfig
 from lis_grasp_studies.contact_study.score import SURFACES
 from lis_grasp_studies.evaluation.configuration import SHIPPED, Configuration
 from lis_grasp_studies.evaluation.results import EvaluationResults

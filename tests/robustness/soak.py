@@ -34,7 +34,7 @@ from pathlib import Path
 import numpy as np
 
 from lis_grasp.cli.main import main as run_verb
-from lis_grasp.pipeline.run_scene import write_scene_of
+from lis_grasp.results.page import write_scene_of
 from lis_grasp.robots.shipped_models import HAND_NAMES
 from lis_grasp.shapes import NAMES
 from lis_grasp.surfaces import ESTIMATORS

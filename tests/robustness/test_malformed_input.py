@@ -30,8 +30,8 @@ from lis_grasp.io import provenance
 from lis_grasp.io.provenance import parse
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import Motion
-from lis_grasp.pipeline.results import Run
-from lis_grasp.pipeline.run_scene import scene_of
+from lis_grasp.results.page import scene_of
+from lis_grasp.results.run_results import Run
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.link_bodies import load_mesh
 from lis_grasp.shapes.loading import load_obstacles

@@ -19,9 +19,9 @@ from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.motion import OBJECT
-from lis_grasp.pipeline.lifting_stage import require_simulator
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
+from lis_grasp.stages.lift import require_simulator
 
 NEEDS_MUJOCO = "MuJoCo is not installed: bootstrap.sh mujoco"
 SHORT = LiftOptions(hold_time=0.5, lift_time=0.6, shake_accelerations=(9.81,))

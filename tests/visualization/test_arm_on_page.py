@@ -16,7 +16,7 @@ from lis_grasp.exploration import Probe, ProbeOutcome
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.probe import HandPose
 from lis_grasp.exploration.touch_log import read_log
-from lis_grasp.pipeline import run_scene
+from lis_grasp.results import page as run_scene
 from lis_grasp.visualization import Scene
 
 STATION = station_with("wsg50")

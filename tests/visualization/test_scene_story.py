@@ -18,9 +18,9 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Exploration, load_outcomes
 from lis_grasp.io import provenance
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline import exploring
-from lis_grasp.pipeline.exploring import growth_counts
-from lis_grasp.pipeline.run_scene import scene_of, write_scene_of
+from lis_grasp.results import exploring
+from lis_grasp.results.exploring import growth_counts
+from lis_grasp.results.page import scene_of, write_scene_of
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.visualization._story import Story
 

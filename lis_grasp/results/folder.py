@@ -2,35 +2,22 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from filecmp import cmp
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_type_hints
-
-from pydantic import Field, create_model
+from typing import Any
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.exploration import ProbeOutcome
 from lis_grasp.exploration.touch_log import read_log
-from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import read_lines
-from lis_grasp.io.schemas import Count, FileRecord, Number, Pose, Vector, checked
-from lis_grasp.pipeline.conditions import KNOWN, UNKNOWN
-from lis_grasp.pipeline.progress import SILENT, Progress
-from lis_grasp.pipeline.run_config import RunConfig
-
-# Types in files of the types in a configuration.
-_IN_FILES: dict[Any, Any] = {
-    str: Annotated[str, Field(min_length=1)],
-    float: Number,
-    int: Count,
-    bool: bool,
-    tuple[float, ...]: Vector,
-}
+from lis_grasp.results.progress import SILENT, Progress
+from lis_grasp.task.conditions import KNOWN, UNKNOWN
+from lis_grasp.task.recorded_facts import checked_facts, read_facts
+from lis_grasp.task.run_config import RunConfig
 
 LOG = "touches.jsonl"
 """The touch log of an exploration."""
@@ -61,60 +48,10 @@ _NAMED = ("object", "hand", "estimator", "seed")
 _LONGEST_PART = 40
 
 
-def _in_file(hint: Any) -> Any:
-    """Return the type in a file; null is permitted where None is."""
-    kinds = get_args(hint) if type(None) in get_args(hint) else (hint,)
-    kind = next(_IN_FILES[kind] for kind in kinds if kind is not type(None))
-    return kind | None if len(kinds) > 1 else kind
-
-
-# Only types are checked, and each fact may be absent. Ranges are checked where a fact is used.
-RecordedFacts = create_model(  # type: ignore[call-overload]
-    "RecordedFacts",
-    __base__=FileRecord,
-    version=(str | None, None),
-    support_height=(Number, None),
-    warnings=(list[str] | None, None),
-    **dict.fromkeys(("turned", "left_out"), (list[Count] | None, None)),
-    doubt_log_odds=(list[Number] | None, None),
-    **dict.fromkeys(("X_WO", "X_EO", "X_EA", "X_FB"), (Pose | None, None)),
-    **{name: (_in_file(hint), None) for name, hint in get_type_hints(RunConfig).items()},
-)
-"""Facts by name: those of a configuration, the support, and the poses of object and arm."""
-
-
-def read_facts(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
-    """Return the facts in the header of an output file, as `provenance.read`, `located`.
-
-    Raises `InvalidFileError` if the file cannot be read, or a fact is not of its type.
-    """
-    return _usable(provenance.read(path, usual=usual), path)
-
-
 def read_touches(path: Path) -> tuple[dict[str, Any], tuple[ProbeOutcome, ...]]:
     """Return the facts of a touch log, as of `read_facts`, and its outcomes, as of `read_log`."""
     facts, outcomes = read_log(path)
-    return _usable(facts, path), outcomes
-
-
-def _usable(facts: dict[str, Any], path: Path) -> dict[str, Any]:
-    checked(RecordedFacts, facts, path, "header")
-    return located(facts, path.parent)
-
-
-def located(facts: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return facts with paths that lead to the recorded files from the present folder.
-
-    Recorded paths start at the folder in which the run began: that is taken for the present one, or
-    else for the nearest one around the results in which there is such a file.
-    """
-    around = (folder.absolute(), *folder.absolute().parents)
-    for name in ("object", "cloud", "hand", "arm", "obstacles"):
-        path = Path(str(facts.get(name) or ""))  # of a report, it may be of any type
-        if path.suffix and not os.path.exists(path):
-            found = (str(outer / path) for outer in around if os.path.isfile(outer / path))
-            facts = facts | {name: next(found, facts[name])}
-    return facts
+    return checked_facts(facts, path), outcomes
 
 
 def results_folder(config: RunConfig, named: Path | str | None) -> Path:

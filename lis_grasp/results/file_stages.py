@@ -18,28 +18,29 @@ from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import sole_writer, write_json
 from lis_grasp.io.contact_files import read_point_file
+from lis_grasp.io.option import at_least, checked_value
 from lis_grasp.io.surface_files import load_surface
-from lis_grasp.pipeline._stage_files import (
+from lis_grasp.results.exploring import say_repairs, say_width
+from lis_grasp.results.folder import LOG, require_own, result_file
+from lis_grasp.results.progress import SILENT, Progress
+from lis_grasp.results.report import lift_facts
+from lis_grasp.results.stage_files import (
     NOISE,
     PLANNED_WITH,
     planning_facts,
     write_grasps,
     write_surface,
 )
-from lis_grasp.pipeline.contact_sources import ContactSource, join_sources, read_source
-from lis_grasp.pipeline.exploring import say_repairs, say_width
-from lis_grasp.pipeline.known import Known, Perception, station_facts
-from lis_grasp.pipeline.lifting_stage import lift_each, process_count, require_simulator
-from lis_grasp.pipeline.next_touch import NO_TABLE, ObjectPlace
-from lis_grasp.pipeline.option import HEIGHT, at_least, checked_value
-from lis_grasp.pipeline.progress import SILENT, Progress
-from lis_grasp.pipeline.report_json import lift_facts
-from lis_grasp.pipeline.results_folder import LOG, read_facts, require_own, result_file
-from lis_grasp.pipeline.run_config import RunConfig, require_used
-from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import load
+from lis_grasp.stages.agent import Known, Perception, station_facts
+from lis_grasp.stages.contact_sources import ContactSource, join_sources, read_source
+from lis_grasp.stages.lift import lift_each, process_count, require_simulator
+from lis_grasp.stages.next_touch import NO_TABLE, ObjectPlace
+from lis_grasp.stages.scenario import Scenario
 from lis_grasp.surfaces.contact_loading import DOUBTFUL, fraction_in_front
+from lis_grasp.task.recorded_facts import read_facts
+from lis_grasp.task.run_config import HEIGHT, RunConfig, require_used
 from lis_grasp.typing import FloatArray
 
 # Fields that distinguish contacts.

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cache
 from numbers import Integral, Real
 from pathlib import Path
 from types import NoneType
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Protocol, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from lis_grasp.contacts import FARTHEST
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.plugins import Registry
-from lis_grasp.shapes.object_mass import MOST_FRICTION
 
 Check = Callable[[str, Any], Any]
 """Returns the value to keep of an option's name and value, or raises `InvalidOptionError`."""
@@ -33,6 +30,18 @@ _KINDS: Mapping[type, tuple[type, str]] = {
 _Config = TypeVar("_Config", bound=type)
 
 
+class Names(Protocol):
+    """Names that the value of an option may have."""
+
+    @property
+    def names(self) -> Sequence[str]:
+        """All names, those of plug-ins last."""
+
+    @property
+    def builtin(self) -> Mapping[str, object]:
+        """The package's own, by name."""
+
+
 @dataclass(frozen=True, slots=True)
 class Option:
     """The declaration of one field, for the command line, the documentation and the checks."""
@@ -44,7 +53,7 @@ class Option:
     words: str = ""  #: the default in words, of verbs that explore; empty for the value itself
     words_else: str = ""  #: the same of verbs that read a file; empty for `words`
     check: Check = lambda name, value: value
-    registry: Registry | None = None  #: names that it may have, plug-ins too
+    registry: Names | None = None  #: names that it may have, plug-ins too
     meanings: Mapping[str, str] = field(default_factory=dict)  #: the package's own names in words
 
 
@@ -108,7 +117,9 @@ def checked_value(name: str, value: Any, kind: type, check: Check) -> Any:
     return check(name, value)
 
 
-def _within(required: str, is_within: Callable[[Any], bool]) -> Check:
+def within(required: str, is_within: Callable[[Any], bool]) -> Check:
+    """Return the check of values for which a function is true; `required` says so in words."""
+
     def check(name: str, value: Any) -> Any:
         if not is_within(value):
             raise InvalidOptionError.out_of_range(name, value, required)
@@ -117,17 +128,15 @@ def _within(required: str, is_within: Callable[[Any], bool]) -> Check:
     return check
 
 
-POSITIVE = _within("above 0 and finite", lambda value: 0 < value <= _LARGEST)
-FRICTION = _within(f"above 0 and at most {MOST_FRICTION:g}", lambda x: 0 < x <= MOST_FRICTION)
-PROBABILITY = _within("above 0 and below 1", lambda value: 0 < value < 1)
-HEIGHT = _within(f"at most {FARTHEST:g} m from 0", lambda value: abs(value) <= FARTHEST)
-NOT_LARGE = _within("at least 0 and at most 1 m", lambda value: 0 <= value <= 1)
-FRACTION = _within("above 0 and at most 1", lambda value: 0 < value <= 1)
+POSITIVE = within("above 0 and finite", lambda value: 0 < value <= _LARGEST)
+PROBABILITY = within("above 0 and below 1", lambda value: 0 < value < 1)
+NOT_LARGE = within("at least 0 and at most 1 m", lambda value: 0 <= value <= 1)
+FRACTION = within("above 0 and at most 1", lambda value: 0 < value <= 1)
 
 
 def at_least(least: int) -> Check:
     """Return the check of numbers from a least one up."""
-    return _within(f"at least {least} and finite", lambda value: least <= value < float("inf"))
+    return within(f"at least {least} and finite", lambda value: least <= value < float("inf"))
 
 
 def place(name: str, value: Any) -> tuple[float, ...]:

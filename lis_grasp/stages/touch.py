@@ -40,9 +40,9 @@ from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
 from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline.contact_sources import prior_contacts
-from lis_grasp.pipeline.known import Known, Perception, require_record
-from lis_grasp.pipeline.scenario import Scenario
+from lis_grasp.stages.agent import Known, Perception, require_record
+from lis_grasp.stages.contact_sources import prior_contacts
+from lis_grasp.stages.scenario import Scenario
 from lis_grasp.surfaces import ContactVerdicts, Estimator, ImplicitSurface
 from lis_grasp.surfaces import estimate as estimate_surface
 from lis_grasp.surfaces.carved_implicit_surface import above_table

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.pipeline.results_folder import read_facts
 from lis_grasp.surfaces import load_contacts
 from lis_grasp.surfaces.contact_loading import NormalSide
 from lis_grasp.surfaces.contact_preparation import thin_contacts, with_noise
+from lis_grasp.task.recorded_facts import read_facts
 
 # An exploration estimates the surface after every touch: more contacts of a cloud are thinned.
 _MOST_OF_CLOUD = 300

@@ -16,14 +16,14 @@ from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io.schemas import FileRecord, read_json
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import Motion
-from lis_grasp.pipeline.known import Perception
-from lis_grasp.pipeline.results_folder import located, read_facts
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.stages import estimate
 from lis_grasp.records import Answering
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, find, placed_as_recorded
+from lis_grasp.stages.agent import Perception
+from lis_grasp.stages.touch import estimate
 from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.task.recorded_facts import located, read_facts
+from lis_grasp.task.run_config import RunConfig
 
 # Files whose headers say where the object is, the last that is written first.
 SOURCES = ("grasps.json", "surface.ply", "contacts.ply")

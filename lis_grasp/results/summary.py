@@ -9,7 +9,7 @@ from typing import Any
 
 from lis_grasp.exceptions import counted
 from lis_grasp.lifting.outcome import violations
-from lis_grasp.pipeline.report_json import motion_line
+from lis_grasp.results.report import motion_line
 
 # Below this intersection over union the estimate is named as poor.
 _LOW_IOU = 0.8

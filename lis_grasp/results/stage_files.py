@@ -16,15 +16,15 @@ from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface, save_surface
 from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LiftOutcome
-from lis_grasp.pipeline.known import Known, Perception
-from lis_grasp.pipeline.progress import Progress
-from lis_grasp.pipeline.regrasp import Lesson, Stages
-from lis_grasp.pipeline.results_folder import read_facts
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.scenario import Scenario
-from lis_grasp.pipeline.stages import Stopwatch, estimate, plan
-from lis_grasp.pipeline.summary import lesson_sentence
+from lis_grasp.results.progress import Progress
+from lis_grasp.results.summary import lesson_sentence
+from lis_grasp.stages.agent import Known, Perception
+from lis_grasp.stages.regrasp import Lesson, Stages
+from lis_grasp.stages.scenario import Scenario
+from lis_grasp.stages.touch import Stopwatch, estimate, plan
 from lis_grasp.surfaces.estimators import few_contacts
+from lis_grasp.task.recorded_facts import read_facts
+from lis_grasp.task.run_config import RunConfig
 
 NOISE = ("position_noise", "normal_noise")
 """Facts of a sensor in the headers of surfaces."""

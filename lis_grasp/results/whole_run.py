@@ -13,20 +13,21 @@ from lis_grasp.exploration import Exploration
 from lis_grasp.exploration.workspace import lowest_tip
 from lis_grasp.io.atomic_writing import sole_writer, write_json
 from lis_grasp.lifting.outcome import ArmUse
-from lis_grasp.pipeline._stage_files import OF_CONTACTS, StoredStages
-from lis_grasp.pipeline.exploring import explore_into, say_object
-from lis_grasp.pipeline.known import require_record
-from lis_grasp.pipeline.lifting_stage import require_simulator
-from lis_grasp.pipeline.progress import SILENT, Progress
-from lis_grasp.pipeline.regrasp import grasp_with_tactile_check
-from lis_grasp.pipeline.report_json import build_report
-from lis_grasp.pipeline.results import Run
-from lis_grasp.pipeline.results_folder import read_facts, remove_made_from, results_folder
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.run_scene import write_scene_of
-from lis_grasp.pipeline.scenario import Scenario
-from lis_grasp.pipeline.stages import Stopwatch
+from lis_grasp.results.exploring import explore_into, say_object
+from lis_grasp.results.folder import remove_made_from, results_folder
+from lis_grasp.results.page import write_scene_of
+from lis_grasp.results.progress import SILENT, Progress
+from lis_grasp.results.report import build_report
+from lis_grasp.results.run_results import Run
+from lis_grasp.results.stage_files import OF_CONTACTS, StoredStages
 from lis_grasp.robots.inertias import require_possible_inertias
+from lis_grasp.stages.agent import require_record
+from lis_grasp.stages.lift import require_simulator
+from lis_grasp.stages.regrasp import grasp_with_tactile_check
+from lis_grasp.stages.scenario import Scenario
+from lis_grasp.stages.touch import Stopwatch
+from lis_grasp.task.recorded_facts import read_facts
+from lis_grasp.task.run_config import RunConfig
 
 _LOG = logging.getLogger(__name__)
 

@@ -26,10 +26,10 @@ from lis_grasp.grasping.epsilon import robust_epsilon_on
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome
-from lis_grasp.pipeline.known import Known
-from lis_grasp.pipeline.lifting_stage import lift
-from lis_grasp.pipeline.scenario import Scenario
-from lis_grasp.pipeline.stages import (
+from lis_grasp.stages.agent import Known
+from lis_grasp.stages.lift import lift
+from lis_grasp.stages.scenario import Scenario
+from lis_grasp.stages.touch import (
     estimate,
     exploration_rng,
     exploration_setup,

@@ -18,11 +18,11 @@ from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import sole_writer
 from lis_grasp.io.json_lines import MADE_AGAIN, append_lines, read_lines
-from lis_grasp.pipeline.file_stages import lifting_of
-from lis_grasp.pipeline.lifting_stage import lift, process_count, worker_pool
-from lis_grasp.pipeline.progress import SILENT, Progress
-from lis_grasp.pipeline.report_json import lift_facts
-from lis_grasp.pipeline.scenario import Scenario
+from lis_grasp.results.file_stages import lifting_of
+from lis_grasp.results.progress import SILENT, Progress
+from lis_grasp.results.report import lift_facts
+from lis_grasp.stages.lift import lift, process_count, worker_pool
+from lis_grasp.stages.scenario import Scenario
 from lis_grasp.version import __version__
 
 LABELS = "labels.jsonl"

@@ -13,10 +13,10 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import DEFAULT_REGION, STEP_FRACTION, Exploration, Region, Workspace
 from lis_grasp.geometry import require_pose
-from lis_grasp.pipeline.known import Known, station_facts
-from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import NAMES, STABLE, UPRIGHT, Shape, draw_pose, find, placed
+from lis_grasp.stages.agent import Known, station_facts
+from lis_grasp.task.run_config import RunConfig
 from lis_grasp.typing import FloatArray
 
 _PLACE_STREAM = 3  # of random numbers, apart from those of the stages

@@ -29,13 +29,13 @@ from lis_grasp.io import provenance
 from lis_grasp.io.schemas import Number, Vector, first_mistake
 from lis_grasp.io.units import LARGEST
 from lis_grasp.logs.detection import APPROACH_NOISE
-from lis_grasp.pipeline.contact_sources import ContactSource
-from lis_grasp.pipeline.file_stages import estimate_file, grasp_file
-from lis_grasp.pipeline.known import Known
-from lis_grasp.pipeline.next_touch import NextTouch, ObjectPlace, next_touch_after, touch_setup
-from lis_grasp.pipeline.results_folder import result_file
-from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.results.file_stages import estimate_file, grasp_file
+from lis_grasp.results.folder import result_file
 from lis_grasp.robots.hand import Hand
+from lis_grasp.stages.agent import Known
+from lis_grasp.stages.contact_sources import ContactSource
+from lis_grasp.stages.next_touch import NextTouch, ObjectPlace, next_touch_after, touch_setup
+from lis_grasp.task.run_config import RunConfig
 from lis_grasp.typing import FloatArray
 
 _MOST_ROWS, _MOST_GRASPS = 1000, 100  # of a request

@@ -23,17 +23,18 @@ from lis_grasp.exploration import Exploration, ProbeOutcome, Region
 from lis_grasp.geometry import inverse_pose
 from lis_grasp.io.limits import reading
 from lis_grasp.io.surface_files import load_growth
-from lis_grasp.pipeline.known import find_obstacles
-from lis_grasp.pipeline.results import SOURCES, Run
-from lis_grasp.pipeline.results_folder import LOG, read_facts, read_touches, scene_is_outdated
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.summary import headline, run_lines
+from lis_grasp.results.folder import LOG, read_touches, scene_is_outdated
+from lis_grasp.results.run_results import SOURCES, Run
+from lis_grasp.results.summary import headline, run_lines
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
+from lis_grasp.stages.agent import find_obstacles
+from lis_grasp.task.recorded_facts import read_facts
+from lis_grasp.task.run_config import RunConfig
 from lis_grasp.visualization.scene import Scene
 from lis_grasp.visualization.scene_server import LOCALHOST, SCENE_FILE, serve_scene
 
-_SERVE = "from lis_grasp.pipeline.run_scene import _serve; _serve()"
+_SERVE = "from lis_grasp.results.page import _serve; _serve()"
 
 
 def write_scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Path:

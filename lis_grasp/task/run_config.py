@@ -10,14 +10,12 @@ from typing import Any
 
 import trimesh
 
+from lis_grasp.contacts import FARTHEST
 from lis_grasp.exceptions import InvalidOptionError, nearest_or_all
 from lis_grasp.exploration import Region, TactileSensor
 from lis_grasp.exploration.policy import POLICY_NAMES
-from lis_grasp.io.yaml_files import YAML_SUFFIXES
-from lis_grasp.pipeline.conditions import REAL_SENSOR
-from lis_grasp.pipeline.option import (
+from lis_grasp.io.option import (
     FRACTION,
-    FRICTION,
     NOT_LARGE,
     POSITIVE,
     PROBABILITY,
@@ -28,13 +26,19 @@ from lis_grasp.pipeline.option import (
     option,
     options_of,
     place,
+    within,
 )
+from lis_grasp.io.yaml_files import YAML_SUFFIXES
 from lis_grasp.records import Answering
 from lis_grasp.robots.shipped_models import arm_path, hand_path
 from lis_grasp.shapes import NAMES, UNITS, default_mass
 from lis_grasp.shapes.loading import UP_AXES
-from lis_grasp.shapes.object_mass import USUAL_FRICTION
+from lis_grasp.shapes.object_mass import MOST_FRICTION, USUAL_FRICTION
 from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES, find_estimator
+from lis_grasp.task.conditions import REAL_SENSOR
+
+FRICTION = within(f"above 0 and at most {MOST_FRICTION:g}", lambda x: 0 < x <= MOST_FRICTION)
+HEIGHT = within(f"at most {FARTHEST:g} m from 0", lambda value: abs(value) <= FARTHEST)
 
 PROBERS = ("dynamic", "kinematic")
 """Probers: Drake's dynamics, or geometry alone."""
@@ -98,7 +102,7 @@ def _find_model(find: Callable[[str], object]) -> Callable[[str], object]:
 class RunConfig(metaclass=Answering):
     """Configuration of a run.
 
-    The defaults are those of the command line with `--known`; `lis_grasp.pipeline.conditions` has
+    The defaults are those of the command line with `--known`; `lis_grasp.task.conditions` has
     those without it. None stands for the default in words, or for nothing of the kind. A value out
     of range, and two values that contradict each other, raise `InvalidOptionError`.
 

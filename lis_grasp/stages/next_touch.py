@@ -23,10 +23,10 @@ from lis_grasp.exploration import (
     choose,
 )
 from lis_grasp.exploration.loop import sought_ends
-from lis_grasp.pipeline.known import Known
-from lis_grasp.pipeline.stages import exploration_rng, exploration_setup
 from lis_grasp.probing.approach_planner import NO_FREE_APPROACH, Approach, ApproachPlanner
 from lis_grasp.robots.hand import Hand
+from lis_grasp.stages.agent import Known
+from lis_grasp.stages.touch import exploration_rng, exploration_setup
 
 NO_TABLE = "no table is known"
 """Start of warnings of a table that is assumed."""

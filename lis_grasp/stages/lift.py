@@ -20,9 +20,9 @@ from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.setup import LiftSetup, plan_arm_lift
-from lis_grasp.pipeline.known import Known, require_record
-from lis_grasp.pipeline.scenario import Scenario, support_height
 from lis_grasp.shapes import Shape
+from lis_grasp.stages.agent import Known, require_record
+from lis_grasp.stages.scenario import Scenario, support_height
 
 
 def require_simulator(simulator: str, shape: Shape) -> None:

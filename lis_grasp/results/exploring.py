@@ -22,18 +22,18 @@ from lis_grasp.io.atomic_writing import sole_writer
 from lis_grasp.io.surface_files import remove_growth, save_growth
 from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline.known import Known
-from lis_grasp.pipeline.progress import SILENT, Progress, StageProgress
-from lis_grasp.pipeline.results_folder import LOG, remove_made_from, result_file, results_folder
-from lis_grasp.pipeline.run_config import LIFTING, RunConfig
-from lis_grasp.pipeline.scenario import Scenario
-from lis_grasp.pipeline.stages import exploration_setup, make_prober, touch_steps
+from lis_grasp.results.folder import LOG, remove_made_from, result_file, results_folder
+from lis_grasp.results.progress import SILENT, Progress, StageProgress
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import opening_range
 from lis_grasp.robots.shipped_models import HAND_REGISTRY, hand_path
 from lis_grasp.shapes import Shape
+from lis_grasp.stages.agent import Known
+from lis_grasp.stages.scenario import Scenario
+from lis_grasp.stages.touch import exploration_setup, make_prober, touch_steps
 from lis_grasp.surfaces.carved_implicit_surface import above_table
 from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES
+from lis_grasp.task.run_config import LIFTING, RunConfig
 
 # Intermediate estimates that are kept, and the cells along the bounds of their meshes.
 _STEPS, _CELLS = 7, 26
@@ -189,7 +189,7 @@ def _watched(
 
 # An exploration runs this module and those that it imports. The values of a configuration are
 # facts of their own.
-_RUNS, _CONFIGURATION = "lis_grasp.pipeline.stages", "lis_grasp.pipeline.run_config"
+_RUNS, _CONFIGURATION = "lis_grasp.stages.touch", "lis_grasp.task.run_config"
 
 
 def _recorded_outcomes(

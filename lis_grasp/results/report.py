@@ -16,11 +16,11 @@ from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_covera
 from lis_grasp.exploration import STEP_FRACTION, Exploration, Region
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.lifting.outcome import ArmUse, LiftOutcome
-from lis_grasp.pipeline.known import station_facts
-from lis_grasp.pipeline.regrasp import Attempt
-from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
+from lis_grasp.stages.agent import station_facts
+from lis_grasp.stages.regrasp import Attempt
+from lis_grasp.stages.scenario import Scenario
 from lis_grasp.version import __version__
 
 # Points of the true surface that measure the tracking error.

@@ -18,14 +18,14 @@ from lis_grasp.exploration import Policy, Region, TactileSensor, Workspace
 from lis_grasp.exploration.extent import End, unseen_ends
 from lis_grasp.geometry import inverse_pose, make_pose, require_pose
 from lis_grasp.grasping.grasps import LoadPrior
-from lis_grasp.pipeline.contact_sources import ContactSource, load_source
-from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import default_mass
 from lis_grasp.shapes.loading import load_obstacles
 from lis_grasp.shapes.object_mass import USUAL_FRICTION, USUAL_MASS, published_mass
+from lis_grasp.stages.contact_sources import ContactSource, load_source
 from lis_grasp.surfaces import ContactVerdicts, Estimator, judge_contacts
+from lis_grasp.task.run_config import RunConfig
 from lis_grasp.typing import FloatArray
 
 UNKNOWN_LOAD = LoadPrior(USUAL_FRICTION, USUAL_MASS, friction_spread=0.25, mass_spread=np.log(2))

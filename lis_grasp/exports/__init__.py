@@ -1,0 +1,1 @@
+"""Exports of objects and grasps to other programs."""

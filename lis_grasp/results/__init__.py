@@ -1,0 +1,1 @@
+"""Files of results: the only folder that knows their names."""

@@ -1,0 +1,1 @@
+"""Requests of a robot's program: the next touch, the estimate and grasps."""

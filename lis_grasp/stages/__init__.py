@@ -1,0 +1,1 @@
+"""Stages of the pipeline, without files: touch, estimate, plan, lift and regrasp."""
