@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
+import numpy as np
+
 from lis_grasp.cli.progress import with_flags
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io.option import Option, kind_of, options_of
@@ -55,7 +57,22 @@ def _add(
     default = _default(name, recorded) if show_default else ""
     text = _text(_OPTIONS[name]) + (f" (default: {default})" if default else "")
     flag = f"--{name.replace('_', '-')}"
-    group.add_argument(flag, default=None, help=text, **_kind(name))
+    group.add_argument(flag, default=None, help=text, **_kind(RunConfig, name))
+
+
+def add_declared(
+    group: argparse._ActionsContainer, config: type, name: str, *, flag: str = "", also: str = ""
+) -> None:
+    """Add the option of a field of any configuration; an omitted one parses as None.
+
+    `flag` is its name where it is not the field's, and `also` ends its help.
+    """
+    option, default = options_of(config)[name], getattr(config(), name)
+    shown = f"{default:g}" if isinstance(default, float) else str(default or "")
+    words = option.words or shown
+    text = with_flags(option.help) + (f" (default: {words})" if words else "") + also
+    flag = flag or name.replace("_", "-")
+    group.add_argument(f"--{flag}", default=None, help=text, **_kind(config, name))
 
 
 def _default(name: str, recorded: bool) -> str:
@@ -78,16 +95,20 @@ def _text(option: Option) -> str:
     return f"{text}: {', '.join([*own, *added, 'or my.module:Class'])}"
 
 
-def _kind(name: str) -> dict[str, Any]:
+def _kind(config: type, name: str) -> dict[str, Any]:
     """Return the arguments of the parser that say which values an option has."""
-    option, default = _OPTIONS[name], getattr(_DEFAULTS, name)
+    option, default = options_of(config)[name], getattr(config(), name)
     if option.choices:
         return {"choices": option.choices}
     if isinstance(default, bool):
         return {"action": argparse.BooleanOptionalAction if default else "store_true"}
     if isinstance(option.metavar, tuple):
         return {"type": float, "nargs": len(option.metavar), "metavar": option.metavar}
-    kind = kind_of(RunConfig, name)
+    kind = kind_of(config, name)
+    if kind is np.ndarray:
+        return {"type": float, "nargs": "+", "metavar": option.metavar}
+    if kind is tuple:
+        return {"action": "append", "metavar": option.metavar}
     return {"metavar": option.metavar} | ({} if kind is str else {"type": kind})
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, fields
 from functools import cache
 from numbers import Integral, Real
 from pathlib import Path
-from types import NoneType
-from typing import Any, Protocol, TypeVar, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Any, Literal, Protocol, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -79,8 +79,10 @@ def documented(config: _Config) -> _Config:
 def kind_of(config: Any, name: str) -> type:
     """Return the type of an option's values beside None: str, bool, int, float or tuple."""
     hint = get_type_hints(config)[name]
-    (kind,) = (k for k in (get_args(hint) or (hint,)) if k is not NoneType)
-    return get_origin(kind) or kind
+    either = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+    (kind,) = (k for k in either if k is not NoneType)
+    found = get_origin(kind) or kind
+    return str if found is Literal else found
 
 
 def check_options(config: Any) -> None:
@@ -95,7 +97,7 @@ def check_options(config: Any) -> None:
     defaults = {item.name: item.default for item in fields(config)}
     for name, declared in options_of(of_class).items():
         value = getattr(config, name)
-        if value is None and defaults[name] is None:
+        if isinstance(value, (str, NoneType)) and not value and value == defaults[name]:
             continue
         if isinstance(value, (Path, np.generic)):
             value = str(value) if isinstance(value, Path) else value.item()
@@ -112,7 +114,11 @@ def checked_value(name: str, value: Any, kind: type, check: Check) -> Any:
     """
     permitted, required = _KINDS.get(kind, (object, ""))
     is_bool = isinstance(value, bool)
-    if not isinstance(value, permitted) or value == "" or (is_bool and kind in (int, float)):
+    if (
+        not isinstance(value, permitted)
+        or (kind is str and not value)
+        or (is_bool and kind in (int, float))
+    ):
         raise InvalidOptionError.out_of_range(name, value, required)
     return check(name, value)
 

@@ -477,5 +477,5 @@ def test_links_beyond_a_joint_that_is_not_logged_have_no_pose(
         open_log(write_bag(recording, tmp_path / "l", "mcap", joints=joints)), urdf
     )
     assert "after_pitch" in log.frames().frames
-    with pytest.raises(InvalidInputError, match="no chain of transforms connects"):
+    with pytest.raises(InvalidInputError, match="roll"):
         contacts_from_log(log, [Finger(tip="tip")], LogFrames(tip_frame="world"), TOUCH)

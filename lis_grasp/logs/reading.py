@@ -1,0 +1,59 @@
+"""Options of what a robot's log does not say of itself: orientations, times, units, topics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.io.csv_tables import ANGLES
+from lis_grasp.io.option import check_options, documented, option
+from lis_grasp.logs._columns import ORIENTATIONS, Orientation
+
+Clock = Literal["header", "recording"]
+CLOCKS: tuple[str, ...] = get_args(Clock)
+
+TOPICS, TOUCHES = "topics; repeat the first three for several fingers", "touches"
+PATCHES = "tactile patches (.npz)"
+"""Groups of options in the help."""
+
+
+def _names(name: str, value: Any) -> tuple[str, ...]:
+    if isinstance(value, str) or not all(isinstance(each, str) for each in value):
+        raise InvalidOptionError.out_of_range(name, value, "a list of names")
+    return tuple(value)
+
+
+@documented
+@dataclass(frozen=True, slots=True)
+class LogReading:
+    """What a log does not say of itself."""
+
+    orientation: Orientation | None = option(
+        None,
+        "what columns of an orientation are, if names do not say it; ignored: no turn",
+        TOPICS,
+        choices=ORIENTATIONS,
+        words="asked for where it matters",
+    )
+    clock: Clock = option(
+        "header", "times of messages: of their headers, or of the recording", TOPICS, choices=CLOCKS
+    )
+    angles: Literal["rad", "deg"] | None = option(
+        None,
+        "unit of the positions of joints that turn",
+        TOPICS,
+        choices=tuple(ANGLES),
+        words="rad, compared with the limits of the joints",
+    )
+    joint_states: tuple[str, ...] | None = option(
+        None,
+        "topic of joint states that is used; may be repeated",
+        TOPICS,
+        metavar="NAME",
+        words="all, where each joint is on one",
+        check=_names,
+    )
+
+    def __post_init__(self) -> None:
+        check_options(self)
