@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidInputError, note
 from lis_grasp.io.units import LARGEST
 from lis_grasp.logs.detection import APPROACH_NOISE, FORCE_NOISE, TouchDetection, Touches
@@ -14,20 +13,25 @@ from lis_grasp.logs.readers import RobotLog
 from lis_grasp.typing import FloatArray
 
 _SURE = 3.0  # standard deviations of a mean beyond which a difference is no chance
+_ROUNDING = 1e-12  # [m]
 _FEWEST = 3  # touches that are compared
 
 
-def require_places(contacts: Contacts, advice: str) -> None:
-    """Raise `InvalidInputError` if contacts are all at one place, or farther apart than objects."""
-    if len(contacts) > 1 and np.ptp(contacts.points, axis=0).max() == 0.0:
+def require_places(places: FloatArray, advice: str) -> None:
+    """Raise `InvalidInputError` if touches are all at one place, or farther apart than objects.
+
+    `places` are (N, 3) [m], one of each touch.
+    """
+    extent = float(np.ptp(places, axis=0).max()) if len(places) > 1 else 1.0
+    if extent <= _ROUNDING:
         raise InvalidInputError(
-            f"all {len(contacts)} contacts are at one place: the poses do not change with time;"
+            f"all {len(places)} touches are at one place: the poses do not change with time;"
             " check their topic and its times"
         )
-    if contacts.extent > LARGEST:
+    if extent > LARGEST:
         raise InvalidInputError(
             f"contacts must be within {LARGEST:g} m of each other; these are"
-            f" {contacts.extent:.3g} m apart: {advice}"
+            f" {extent:.3g} m apart: {advice}"
         )
 
 

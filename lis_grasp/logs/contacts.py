@@ -129,7 +129,8 @@ def contacts_from_log(
             " with `tare`"
         )
     contacts = contacts_of_touches(touches, detection)
-    require_places(contacts, "if its positions are in millimetres, name the columns x_mm,y_mm,z_mm")
+    centers = np.concatenate([touch.centers for touch in touches])
+    require_places(centers, "if its positions are in millimetres, name the columns x_mm,y_mm,z_mm")
     if frames.object_pose is None:
         question_object(log, touches)
     return contacts, touches

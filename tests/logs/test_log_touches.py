@@ -38,9 +38,12 @@ def recording() -> Recording:
     return record()
 
 
-def assert_true(contacts: Contacts, recording: Recording, *, normal: float = 0.02) -> None:
+def assert_true(
+    contacts: Contacts, recording: Recording, *, normal: float = 0.02, position: float = 0.0
+) -> None:
     assert len(contacts) == len(recording.points)
-    assert np.linalg.norm(contacts.points - recording.points, axis=1).max() < TOLERANCE
+    errors = np.linalg.norm(contacts.points - recording.points, axis=1)
+    assert errors.max() < TOLERANCE + position
     cosines = np.sum(contacts.normals * recording.normals, axis=1)
     assert np.arccos(np.clip(cosines, -1.0, 1.0)).max() < normal
     assert contacts.times is not None
