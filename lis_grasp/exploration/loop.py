@@ -83,7 +83,7 @@ def explore_steps(
     """
     if setup.tracker is not None and not isinstance(prober, MovingProber):
         raise InvalidOptionError(
-            "an object is tracked with a prober that has `move_frame`; this one has none",
+            "an object is tracked with a prober that has 'move_frame'; this one has none",
             option="tracker",
         )
     rng, state = np.random.default_rng(rng), begin(setup, recorded)

@@ -165,7 +165,7 @@ def contacts_from_patches(
     contacts = Contacts.empty()
     for fit, X_OS in zip(fits, patches.poses, strict=True):
         contacts = contacts.append(fit.contacts(X_OS, noise, detection.spacing))
-    require_places(contacts.points, "give the positions of `poses` in metres")
+    require_places(contacts.points, "give the positions of the sensor's poses in metres")
     return contacts
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,9 @@ from lis_grasp.exceptions import (
     LisGraspWarning,
 )
 from lis_grasp.io import provenance
+from lis_grasp.io.csv_tables import ANGLES, NEWTONS, SECONDS
 from lis_grasp.io.option import options_of
+from lis_grasp.io.units import UNITS
 from lis_grasp.logs import (
     Finger,
     LogFrames,
@@ -29,10 +33,12 @@ from lis_grasp.logs import (
     PatchDetection,
     TactilePatches,
     TouchDetection,
+    _columns,
     contacts_from_log,
     contacts_from_patches,
     open_log,
 )
+from lis_grasp.logs._bag_log import CONTENT
 from lis_grasp.robots.joint_frames import with_link_frames
 
 OBJECT = LogFrames(object_pose="object")
@@ -336,3 +342,33 @@ def test_sensor_poses_in_millimetres_are_refused() -> None:
     poses[1, 0, 3] = 50.0
     with pytest.raises(InvalidInputError):
         contacts_from_patches(TactilePatches(np.stack([depth, depth]), poses, 6e-5))
+
+
+def test_the_page_lists_the_columns_units_and_messages_that_are_understood() -> None:
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "robot-logs.md"
+    lines = [line.split("|")[1:-1] for line in page.read_text("utf-8").splitlines()]
+    tables = [row for row in lines if len(row) > 1]
+    listed = [
+        (row[0].strip(), [set(re.findall(r"`([^`]+)`", c)) for c in row[1:]]) for row in tables
+    ]
+    turns = {False: set[str](), True: set[str]()}
+    for names, forms in _columns.TURNS.items():
+        turns[len(forms) > 1] |= {*names, *(forms if len(forms) > 1 else ())}
+    kinds = {word for words in _columns.KINDS.values() for word in words}
+    roles = {"force": "force", "pose": "pose", "joints": "joints", "frames": "transforms"}
+    expected = [
+        ("time", [{*_columns.TIME, "secs", "nsecs"}, set(SECONDS)]),
+        ("force", [set(chain.from_iterable(_columns.FORCES)), set(NEWTONS)]),
+        ("place", [set(_columns.POINT), set(UNITS)]),
+        ("orientation", [turns[False], set(ANGLES)]),
+        ("orientation, by `--orientation`", [turns[True], set(ANGLES)]),
+        ("words for a quantity", [kinds, set()]),
+        ("words for the tip", [set(_columns.BODIES["tip"]), set()]),
+        ("words for the object", [set(_columns.BODIES["object"]), set()]),
+        *(
+            (role, [{kind.rpartition("/")[2] for kind, of in CONTENT.items() if of == content}])
+            for role, content in roles.items()
+        ),
+    ]
+    for row in expected:
+        assert row in listed, row[0]
