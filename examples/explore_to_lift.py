@@ -27,11 +27,11 @@ def main() -> None:
     print(f"touch: {exploration.summary()}")
 
     # The robot decides by what is known, and never by the true object.
-    _, mesh = pipeline.estimate(scenario.known, exploration.contacts)
+    _, mesh = pipeline.estimate(scenario.agent, exploration.contacts)
     mesh.export(output / "surface.ply")
     print(f"estimate: {1e6 * mesh.volume:.0f} cm^3, true {1e6 * box.mesh.volume:.0f} cm^3")
 
-    search = pipeline.plan(scenario.known, mesh)
+    search = pipeline.plan(scenario.agent, mesh)
     search.save(output / "grasps.json")
     best = search.grasps[0]
     print(f"grasp: best of {len(search.grasps)}, epsilon {best.quality['epsilon']:.3f}")

@@ -43,7 +43,7 @@ def main() -> None:
     pentagon = shapes.build("pentagon")
     config = pipeline.RunConfig(prober="kinematic", policy="frontier", touches=15)
     scenario = pipeline.Scenario.from_config(config, pentagon)
-    scenario = replace(scenario, known=replace(scenario.known, estimator=NearestPlane))
+    scenario = replace(scenario, known=replace(scenario.agent, estimator=NearestPlane))
     exploration = pipeline.touch(scenario)
     mesh = extract_mesh(NearestPlane(exploration.contacts))
     mesh.export(output / "surface.ply")

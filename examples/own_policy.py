@@ -34,7 +34,7 @@ def main() -> None:
 
     config = pipeline.RunConfig(prober="kinematic", touches=12)
     scenario = pipeline.Scenario.from_config(config, shapes.build("mallet"))
-    known = replace(scenario.known, policy=FromAbove)
+    known = replace(scenario.agent, policy=FromAbove)
     exploration = pipeline.touch(replace(scenario, known=known))
     contacts = exploration.contacts
     contacts.save(output / "contacts.ply")

@@ -21,14 +21,15 @@ if TYPE_CHECKING:
     from lis_grasp.grasping.grasps import GraspSearch as GraspSearch
     from lis_grasp.grasping.sampler import ForceClosureSampler as ForceClosureSampler
     from lis_grasp.meshing import extract_mesh as extract_mesh
-    from lis_grasp.pipeline import Run as Run
-    from lis_grasp.pipeline import RunConfig as RunConfig
     from lis_grasp.pipeline.direct import explore as explore
     from lis_grasp.pipeline.direct import lift as lift
     from lis_grasp.pipeline.direct import plan as plan
     from lis_grasp.pipeline.direct import run as run
+    from lis_grasp.pipeline.names_of_2 import RunConfig as RunConfig
+    from lis_grasp.results.run_results import Run as Run
     from lis_grasp.robots.hand import Hand as Hand
     from lis_grasp.shapes import Shape as Shape
+    from lis_grasp.stages.estimate import estimate as estimate
     from lis_grasp.surfaces import BlendedImplicitSurface as BlendedImplicitSurface
     from lis_grasp.surfaces import (
         GaussianProcessImplicitSurface as GaussianProcessImplicitSurface,
@@ -37,8 +38,14 @@ if TYPE_CHECKING:
     from lis_grasp.surfaces import LocalImplicitSurface as LocalImplicitSurface
     from lis_grasp.surfaces import PatchImplicitSurface as PatchImplicitSurface
     from lis_grasp.surfaces import SmoothImplicitSurface as SmoothImplicitSurface
-    from lis_grasp.surfaces import estimate as estimate
     from lis_grasp.surfaces import load_contacts as load_contacts
+    from lis_grasp.task.decide import Decide as Decide
+    from lis_grasp.task.known import Known as Known
+    from lis_grasp.task.robot import Robot as Robot
+    from lis_grasp.task.scene_file import load_scene as load_scene
+    from lis_grasp.task.scene_file import write_scene as write_scene
+    from lis_grasp.task.task import Task as Task
+    from lis_grasp.task.world import World as World
     from lis_grasp.visualization import Scene as Scene
 
 _HOMES = {
@@ -49,14 +56,22 @@ _HOMES = {
     "grasping.grasps": "Grasp GraspSearch",
     "grasping.sampler": "ForceClosureSampler",
     "meshing": "extract_mesh",
-    "pipeline": "Run RunConfig",
+    "pipeline.names_of_2": "RunConfig",
     "pipeline.direct": "explore lift plan run",
+    "results.run_results": "Run",
     "robots.hand": "Hand",
     "shapes": "Shape",
+    "stages.estimate": "estimate",
     "surfaces": (
         "BlendedImplicitSurface GaussianProcessImplicitSurface ImplicitSurface LocalImplicitSurface"
-        " PatchImplicitSurface SmoothImplicitSurface estimate load_contacts"
+        " PatchImplicitSurface SmoothImplicitSurface load_contacts"
     ),
+    "task.decide": "Decide",
+    "task.known": "Known",
+    "task.robot": "Robot",
+    "task.scene_file": "load_scene write_scene",
+    "task.task": "Task",
+    "task.world": "World",
     "visualization": "Scene",
 }
 

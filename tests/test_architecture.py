@@ -19,7 +19,9 @@ import lis_grasp
 import lis_grasp_studies
 from lis_grasp import pipeline
 from lis_grasp.stages import agent, lift, next_touch
-from lis_grasp.stages.touch import make_estimator, make_policy, stop_rules
+from lis_grasp.stages.estimate import Perception
+from lis_grasp.stages.plan import closure_probability, plan_grasps
+from lis_grasp.stages.touch import exploration_setup, make_policy, stop_rules
 
 PACKAGE = Path(lis_grasp.__file__).resolve().parent
 STUDIES = Path(lis_grasp_studies.__file__).resolve().parent
@@ -226,7 +228,7 @@ def test_no_true_object_reaches_exploration_estimation_or_planning() -> None:
 
 def test_the_true_object_is_no_part_of_what_is_known() -> None:
     """What decides for the robot gets `Known`; of true things it has neither types nor names."""
-    types = get_type_hints(pipeline.Known, {**vars(pipeline), **vars(agent)})
+    types = get_type_hints(agent.Agent)
     assert not {"shape", "truth", "config", "object", "mass", "friction"} & set(types)
     for text in map(str, types.values()):
         assert not any(name in text for name in ("Shape", "Truth", "Scenario", "RunConfig")), text
@@ -235,10 +237,11 @@ def test_the_true_object_is_no_part_of_what_is_known() -> None:
 @pytest.mark.parametrize(
     "decision",
     [
-        pipeline.estimate,
-        pipeline.plan,
+        Perception,
+        plan_grasps,
+        closure_probability,
+        exploration_setup,
         make_policy,
-        make_estimator,
         stop_rules,
         lift.lift_options,
         next_touch.next_touch,

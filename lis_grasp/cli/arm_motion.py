@@ -29,7 +29,7 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import ARM_NAMES
 from lis_grasp.stages.agent import base_at, find_obstacles
 from lis_grasp.task.recorded_facts import read_facts
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.task.task import Task
 
 _CLOSING, _STEP = 1.0, 0.02  # time in which the hand closes, and between two points of it [s]
 
@@ -62,8 +62,8 @@ def execute(options: argparse.Namespace) -> None:
     """Plan the motion, and write its parts as CSV and YAML."""
     recorded = read_facts(options.grasps_file, usual="grasps.json")
     name = options.arm or recorded.get("arm") or ARM_NAMES[0]
-    config = RunConfig.from_facts(vars(options), {**recorded, "arm": name})
-    hand = Hand.load(config.hand)
+    task = Task.from_facts(vars(options), {**recorded, "arm": name})
+    hand = Hand.load(task.robot.hand)
     grasps = _grasps(options.grasps_file, options.rank, hand)
     folder = options.output or options.grasps_file.parent / "motion"
     surface = options.grasps_file.with_name("surface.ply")
@@ -71,13 +71,13 @@ def execute(options: argparse.Namespace) -> None:
     if mesh is None:
         say(f"warning: without {surface} the paths do not avoid the object")
     height = float(recorded.get("support_height", 0.0))
-    arm, obstacles = Arm.load(name), find_obstacles(config)
+    arm, obstacles = Arm.load(name), find_obstacles(task)
     with Stage(f"Planning the motion of {arm.name} with {hand.name}") as stage:
         rank, station, motion = _first_motion(
             grasps,
             _stations(options, recorded, arm, hand, Table(height, obstacles=obstacles)),
             mesh,
-            rng=np.random.default_rng(config.seed),
+            rng=np.random.default_rng(task.seed),
         )
         stage.result = (
             f"grasp {rank}, {motion.approach.duration:.1f} s to it, {motion.lift.duration:.1f} s up"

@@ -12,7 +12,6 @@ import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from lis_grasp import pipeline
 from lis_grasp.arms.check import check_arm
 from lis_grasp.cli.progress import say, say_findings
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
@@ -21,7 +20,11 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import Finding, check_hand
 from lis_grasp.robots.repair_file import write_repaired
 from lis_grasp.robots.yaml_files import description_of
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.stages.estimate import SurfaceEstimate
+from lis_grasp.stages.plan import plan_grasps
+from lis_grasp.stages.scenario import Scenario
+from lis_grasp.stages.touch import touch
+from lis_grasp.task.task import Task
 from lis_grasp.version import __version__
 
 _PACKAGES = ("drake", "numpy", "scipy", "trimesh", "python-fcl", "meshcat", "manifold3d")
@@ -53,7 +56,7 @@ def execute(options: argparse.Namespace) -> None:
         _repair(options.hand, options.repair)
         return
     if options.arm is not None:
-        hand = Hand.load(options.hand or RunConfig().hand)
+        hand = Hand.load(options.hand or Task().robot.hand)
         findings = check_arm(Arm.load(options.arm), hand)
     elif options.hand is not None:
         findings = check_hand(Hand.load(options.hand))
@@ -131,12 +134,12 @@ def _browser() -> Finding:
 def _self_test() -> Finding:
     """Touch a box by geometry, estimate it, and plan grasps; takes seconds."""
     start = time.perf_counter()
-    config = RunConfig(prober="kinematic", touches=15, grasps=2)
+    task = Task.of(known=True, prober="kinematic", touches=15, grasps=2)
     try:
-        scenario = pipeline.Scenario.from_config(config)
-        touched = pipeline.touch(scenario)
-        _, mesh = pipeline.estimate(scenario.known, touched.contacts)
-        search = pipeline.plan(scenario.known, mesh)
+        scenario = Scenario.from_config(task)
+        touched = touch(scenario)
+        mesh = SurfaceEstimate(touched.contacts, scenario.agent.perception).mesh
+        search = plan_grasps(scenario.agent, mesh)
     except LisGraspError as error:
         return Finding(False, f"the self-test failed: {error}")
     counts = f"{touched.made} touches of a box, {len(search.grasps)} grasps"

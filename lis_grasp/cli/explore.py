@@ -12,7 +12,7 @@ from lis_grasp.results.exploring import explore_object
 from lis_grasp.results.folder import LOG, results_folder
 from lis_grasp.results.report import exploration_facts
 from lis_grasp.results.summary import exploration_lines
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.task.task import Task
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,14 +23,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Explore, and print the summary."""
-    config = opt.configure_touch(options)
-    folder = results_folder(config, options.output)
+    task = opt.configure_touch(options)
+    folder = results_folder(task, options.output)
     with watched(folder if options.watch else None):
-        _explore(config, folder, fresh=options.fresh)
+        _explore(task, folder, fresh=options.fresh)
 
 
-def _explore(config: RunConfig, folder: Path, *, fresh: bool) -> None:
-    scenario, exploration = explore_object(config, folder, progress=PRINTED, fresh=fresh)
+def _explore(task: Task, folder: Path, *, fresh: bool) -> None:
+    scenario, exploration = explore_object(task, folder, progress=PRINTED, fresh=fresh)
     for line in exploration_lines(exploration_facts(scenario, exploration)):
         say(line)
     path = folder / "contacts.ply"

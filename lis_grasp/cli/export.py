@@ -12,9 +12,10 @@ from lis_grasp.cli.progress import PRINTED, Stage, say
 from lis_grasp.exceptions import InvalidFileError, require_at_least
 from lis_grasp.exports.object_models import FORMATS, MARK, VISUAL, ObjectModel
 from lis_grasp.results.file_stages import load_mesh
+from lis_grasp.shapes import default_mass
 from lis_grasp.shapes.solids import convex_parts
 from lis_grasp.task.recorded_facts import read_facts
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.task.task import Task
 
 _MOST_PARTS = 32
 
@@ -49,7 +50,7 @@ def execute(options: argparse.Namespace) -> None:
     """Split the mesh into convex parts, and write the descriptions."""
     recorded = read_facts(options.mesh, usual="surface.ply")
     require_at_least(1, parts=options.parts)
-    config = RunConfig.from_facts(vars(options), recorded)
+    task = Task.from_facts(vars(options), recorded)
     mesh = load_mesh(options.mesh, vars(options), recorded, PRINTED)
     folder = options.output or options.mesh.parent / "model"
     name = options.name or Path(recorded.get("object", options.mesh)).stem
@@ -60,11 +61,11 @@ def execute(options: argparse.Namespace) -> None:
         parts = convex_parts(mesh, most=options.parts)
         volume = sum(part.volume for part in parts) / mesh.volume
         stage.result = f"{len(parts)}, of {100 * volume:.0f} % of the object's volume together"
-    mass = config.mass_of(mesh)
-    model = ObjectModel(name, mesh, parts, mass, config.friction)
+    mass = default_mass(mesh, task.world.object) if task.world.mass is None else task.world.mass
+    model = ObjectModel(name, mesh, parts, mass, task.world.friction)
     for format_name in formats:
         say(f"wrote {model.save(folder, format_name)}")
-    say(f"object: {mass:.3g} kg of uniform density, friction {config.friction:g}")
+    say(f"object: {mass:.3g} kg of uniform density, friction {task.world.friction:g}")
 
 
 def _require_own(folder: Path, name: str, formats: Iterable[str], mesh: Path) -> None:

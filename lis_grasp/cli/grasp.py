@@ -86,14 +86,14 @@ def execute(options: argparse.Namespace) -> None:
     if made.search.grasps and made.recorded.get("estimator") == "lis":
         say(f"warning: {_ON_LIS}")
     say(f"wrote {made.path}")
-    hand = made.known.hand
+    hand = made.agent.hand
     labels = _label(options, made) if options.label else ()
     if options.isaac:
         isaac = made.path.with_name("grasps.isaac.yaml")
         save_isaac_grasps(isaac, made.search, hand, labels)
         say(f"wrote {isaac}")
     if options.moveit:
-        station = made.known.station
+        station = made.agent.station
         moveit, X_FB = made.path.with_name("grasps.moveit.yaml"), hand.X_FB
         carrier = f"the link that hand {hand.name} is mounted on"
         if station is not None:
@@ -132,9 +132,14 @@ def _write_dexgraspbench(
     from lis_grasp.simulation.mujoco.dexgraspbench_protocol import dexgraspbench_protocol
 
     name = Path(made.recorded.get("object", source)).stem
-    mesh, hand, grasps, support = made.mesh, made.known.hand, made.search.grasps, made.known.support
+    mesh, hand, grasps, support = (
+        made.mesh,
+        made.agent.hand,
+        made.search.grasps,
+        made.agent.support_height,
+    )
     if "object" in made.recorded:
-        mesh = placed_as_recorded(find_object(made.config), made.recorded).mesh
+        mesh = placed_as_recorded(find_object(made.task.world), made.recorded).mesh
     with Stage("Splitting into convex pieces") as stage:
         pieces = convex_pieces(mesh)
         stage.result = str(len(pieces))

@@ -34,7 +34,7 @@ _FIELDS = tuple(
     (config, name)
     for config in (LogReading, LogFrames, TouchDetection, PatchDetection)
     for name in options_of(config)
-    if (config, name) != (PatchDetection, "spacing")
+    if (config, name) not in ((PatchDetection, "spacing"), (LogFrames, "object_frame"))
 )
 _FLAGS = {
     (TouchDetection, "threshold"): "force-threshold",
@@ -69,6 +69,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--urdf",
         metavar="FILE",
         help="URDF, SDF or MJCF of the robot: its links are frames, by the log's joint states",
+    )
+    fixed = options_of(LogFrames)["object_frame"]
+    groups[TOPICS].add_argument(
+        "--object-frame",
+        type=float,
+        nargs="+",
+        metavar=fixed.metavar,
+        help=f"{fixed.help} (default: {fixed.words})",
     )
     for config, name in _FIELDS:
         group, flag = groups[options_of(config)[name].group], _FLAGS.get((config, name), "")

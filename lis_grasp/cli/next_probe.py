@@ -7,7 +7,6 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
@@ -22,7 +21,7 @@ from lis_grasp.io.atomic_writing import sole_writer, write_json
 from lis_grasp.results.folder import LOG, read_touches
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import STABLE
-from lis_grasp.stages.agent import Known
+from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.contact_sources import (
     ContactSource,
     load_source,
@@ -31,7 +30,7 @@ from lis_grasp.stages.contact_sources import (
 )
 from lis_grasp.stages.next_touch import NextTouch, ObjectPlace, next_touch
 from lis_grasp.surfaces import judge_contacts
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
 
 _READING = ("units", "normals", "fingertip_radius", "viewpoint")  # what a file does not say
@@ -106,19 +105,19 @@ def execute(options: argparse.Namespace) -> None:
     before, outcomes, recorded = _read(options, serves=serves)
     place = _place(options, recorded)
     # In a configuration, size is that of a built-in shape, and a region needs a true pose.
-    config = RunConfig.from_facts({**vars(options), "size": None, "region": None}, recorded)
-    config = replace(config, arm=None, base=None)  # the robot carries the hand as it can
-    before = _credible(before, options, keep_all=config.keep_all)
+    task = Task.from_facts({**vars(options), "size": None, "region": None}, recorded)
+    task = task.having(arm=None, base=None)  # the robot carries the hand as it can
+    before = _credible(before, options, keep_all=task.decide.keep_all)
     if serves:
-        _serve(options, place, config)
+        _serve(options, place, task)
         return
     contacts = before.append(Exploration.replay(outcomes).contacts)
     space = place.space(contacts)
-    hand = Hand.load(config.hand)
-    known = Known.for_hand(config, hand, space, 0.0)
+    agent = Agent.of(task, space, 0.0)
+    hand = agent.hand
     with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
-        touch = next_touch(known, before, outcomes)
-        stage.result = f"policy {config.policy}"
+        touch = next_touch(agent, before, outcomes)
+        stage.result = f"policy {task.decide.policy}"
     if place.doubt(contacts):
         say(f"warning: {place.doubt(contacts)}")
     for line in _lines(touch):
@@ -189,14 +188,14 @@ def _cloud(path: Path | str | None) -> Contacts:
     return Contacts.empty() if path is None else prior_contacts(load_source(ContactSource(path)))
 
 
-def _serve(options: argparse.Namespace, place: ObjectPlace, config: RunConfig) -> None:
+def _serve(options: argparse.Namespace, place: ObjectPlace, task: Task) -> None:
     """Answer requests until one is to stop, or the standard input ends."""
     from lis_grasp.io.request_lines import answer_lines, serve_socket
     from lis_grasp.service.touch_service import TouchService
 
     if options.output is not None and options.output.suffix.lower() == ".json":
         raise InvalidOptionError.out_of_range("--output", str(options.output), "a folder")
-    source, hand = options.contacts, Hand.load(config.hand)
+    source, hand = options.contacts, Hand.load(task.robot.hand)
     folder = options.output or (source or Path()).parent
     resumed = _is_log(source)
     path = source if resumed else folder / LOG
@@ -206,7 +205,9 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, config: RunConfig) -
     if source is not None and source.resolve() == (folder / "contacts.ply").resolve():
         message = f"{source} would be replaced: name another folder with --output"
         raise InvalidOptionError(message, option="--output", value=str(folder))
-    facts = {n: getattr(config, n) for n in _OPTIONS if n != "keep_all" or config.keep_all}
+    options_of_task = task.facts()
+    names = (n for n in _OPTIONS if n != "keep_all" or task.decide.keep_all)
+    facts = {n: options_of_task[n] for n in names}
     if place.region is not None:
         facts |= {"region": list(place.region), "pose": STABLE}
     if place.support is not None:
@@ -216,7 +217,7 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, config: RunConfig) -
     log = TouchLog(path, facts)
     with sole_writer(folder):
         before, outcomes, _ = _read_log(path) if resumed else (_cloud(source), (), {})
-        service = TouchService(config, hand, place, folder, log, before, outcomes)
+        service = TouchService(task, hand, place, folder, log, before, outcomes)
         if options.port is None and options.socket is None:
             with _own_output() as answers:
                 complain("ready: requests on standard input, one JSON object a line")

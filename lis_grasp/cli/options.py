@@ -7,18 +7,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-import numpy as np
-
 from lis_grasp.cli.progress import with_flags
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io.option import Option, kind_of, options_of
-from lis_grasp.shapes import STABLE, UNITS
+from lis_grasp.shapes import UNITS
 from lis_grasp.stages.contact_sources import ContactSource
 from lis_grasp.surfaces.contact_loading import NormalSide
-from lis_grasp.task.conditions import IDEAL_SENSOR, KNOWN, UNKNOWN
-from lis_grasp.task.run_config import ARM, GRASPING, SENSOR, SURFACE, TOUCHING, RunConfig
-
-_GROUPS = (TOUCHING, SENSOR, SURFACE, GRASPING, ARM)
+from lis_grasp.task.option_groups import GROUPS
+from lis_grasp.task.scene_file import is_scene_file, load_scene
+from lis_grasp.task.task import (
+    IDEAL_SENSOR,
+    Task,
+    option_default,
+    option_kind,
+    task_options,
+)
 
 TOUCH = (
     *("hand", "estimator", "prober", "fingers", "mass", "friction", "policy"),
@@ -28,7 +31,7 @@ TOUCH = (
 )
 """Options of an exploration, beside its object."""
 
-_DEFAULTS, _OPTIONS = RunConfig(), options_of(RunConfig)
+_OPTIONS = task_options()
 
 
 def add_options(
@@ -37,11 +40,11 @@ def add_options(
     show_default: bool = True,
     recorded: bool = False,
 ) -> None:
-    """Add options by the names of their fields in `RunConfig`; omitted ones parse as None.
+    """Add options of a `Task` by their names; omitted ones parse as None.
 
     With `recorded` they are those of a verb that reads a file with recorded facts.
     """
-    used = {title: [n for n in names if _OPTIONS[n].group == title] for title in _GROUPS}
+    used = {title: [n for n in names if _OPTIONS[n].group == title] for title in GROUPS}
     grouped = sum(map(bool, used.values())) > 1
     for name in (n for n in names if not (grouped and _OPTIONS[n].group)):
         _add(parser, name, show_default=show_default, recorded=recorded)
@@ -57,7 +60,8 @@ def _add(
     default = _default(name, recorded) if show_default else ""
     text = _text(_OPTIONS[name]) + (f" (default: {default})" if default else "")
     flag = f"--{name.replace('_', '-')}"
-    group.add_argument(flag, default=None, help=text, **_kind(RunConfig, name))
+    kind = _kind(_OPTIONS[name], option_kind(name), option_default(name))
+    group.add_argument(flag, default=None, help=text, **kind)
 
 
 def add_declared(
@@ -71,13 +75,13 @@ def add_declared(
     shown = f"{default:g}" if isinstance(default, float) else str(default or "")
     words = option.words or shown
     text = with_flags(option.help) + (f" (default: {words})" if words else "") + also
-    flag = flag or name.replace("_", "-")
-    group.add_argument(f"--{flag}", default=None, help=text, **_kind(config, name))
+    kind = _kind(option, kind_of(config, name), default)
+    group.add_argument(f"--{flag or name.replace('_', '-')}", default=None, help=text, **kind)
 
 
 def _default(name: str, recorded: bool) -> str:
     """Return the default of an option in words; empty if there is none."""
-    option, value = _OPTIONS[name], getattr(_DEFAULTS, name)
+    option, value = _OPTIONS[name], option_default(name)
     words = option.words or ("" if value is None or value is False else str(value))
     if not recorded:
         return words
@@ -95,20 +99,17 @@ def _text(option: Option) -> str:
     return f"{text}: {', '.join([*own, *added, 'or my.module:Class'])}"
 
 
-def _kind(config: type, name: str) -> dict[str, Any]:
+def _kind(option: Option, kind: type, default: Any) -> dict[str, Any]:
     """Return the arguments of the parser that say which values an option has."""
-    option, default = options_of(config)[name], getattr(config(), name)
     if option.choices:
         return {"choices": option.choices}
-    if isinstance(default, bool):
-        return {"action": argparse.BooleanOptionalAction if default else "store_true"}
+    if kind is bool:
+        is_on = default and option is not _OPTIONS["free"]  # which --clamped switches off
+        return {"action": argparse.BooleanOptionalAction if is_on else "store_true"}
     if isinstance(option.metavar, tuple):
         return {"type": float, "nargs": len(option.metavar), "metavar": option.metavar}
-    kind = kind_of(config, name)
-    if kind is np.ndarray:
-        return {"type": float, "nargs": "+", "metavar": option.metavar}
     if kind is tuple:
-        return {"action": "append", "metavar": option.metavar}
+        return {"nargs": "+", "metavar": option.metavar}
     return {"metavar": option.metavar} | ({} if kind is str else {"type": kind})
 
 
@@ -144,8 +145,8 @@ def add_conditions(parser: argparse.ArgumentParser) -> None:
     conditions.add_argument("--ideal", action="store_true", help="the sensor has no noise")
 
 
-def configure_touch(options: argparse.Namespace) -> RunConfig:
-    """Return the configuration of a run or an exploration, with the conditions of its options.
+def configure_touch(options: argparse.Namespace) -> Task:
+    """Return the task of a run or an exploration, with the conditions of its options.
 
     Raises `InvalidOptionError` if two options contradict each other, or a value is out of range.
     """
@@ -156,16 +157,17 @@ def configure_touch(options: argparse.Namespace) -> RunConfig:
             "--force-threshold needs the dynamic prober: touches by geometry have no force",
             option="--force-threshold",
         )
-    unknown = options.cloud is None if options.unknown is None else options.unknown
-    conditions = dict(UNKNOWN if unknown else KNOWN)
-    prober = options.prober or _DEFAULTS.prober
-    if options.clamped or prober != "dynamic":  # geometry alone cannot move the object
-        conditions["free"] = False
+    named = {name: getattr(options, name, None) for name in _OPTIONS}
+    given = {name: value for name, value in named.items() if value is not None}
+    if options.clamped:
+        given["free"] = False
     if options.ideal:
-        conditions |= IDEAL_SENSOR
-    if options.region is not None:
-        conditions["pose"] = conditions["pose"] or STABLE
-    return RunConfig.from_facts(vars(options), conditions)
+        given = {**IDEAL_SENSOR, **given}
+    known = None if options.unknown is None else not options.unknown
+    if is_scene_file(options.object):
+        del given["object"]
+        return load_scene(options.object).having(known=known, **given)
+    return Task.of(known=known, **given)
 
 
 def add_object(parser: argparse.ArgumentParser, *, required_name: bool = True) -> None:

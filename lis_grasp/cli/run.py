@@ -5,15 +5,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, complain, say, say_search
 from lis_grasp.cli.view import watched
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, LisGraspError, counted
 from lis_grasp.results.folder import results_folder
 from lis_grasp.results.summary import run_lines
+from lis_grasp.results.whole_run import run_task
 from lis_grasp.stages.scenario import find_object
-from lis_grasp.task.run_config import LIFTING
+from lis_grasp.task.task import LIFTING, Task
 
 _SEVERAL = Path("results/objects")
 
@@ -31,10 +31,10 @@ def execute(options: argparse.Namespace) -> None:
     if options.more:
         _run_each(options, [options.object, *options.more], options.output or _SEVERAL)
         return
-    config = opt.configure_touch(options)
-    folder = results_folder(config, options.output)
+    task = opt.configure_touch(options)
+    folder = results_folder(task, options.output)
     with watched(folder if options.watch else None):
-        _run(config, folder, fresh=options.fresh)
+        _run(task, folder, fresh=options.fresh)
 
 
 def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> None:
@@ -43,14 +43,14 @@ def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> 
         raise InvalidOptionError(
             "several objects need different names, and no --watch", option="object", value=objects
         )
-    configs = [opt.configure_touch(options) for options.object in objects]
-    folders = [results_folder(c, output / n) for c, n in zip(configs, names, strict=True)]
-    for config in configs:
-        find_object(config)
+    tasks = [opt.configure_touch(options) for options.object in objects]
+    folders = [results_folder(t, output / n) for t, n in zip(tasks, names, strict=True)]
+    for task in tasks:
+        find_object(task.world)
     failed = []
-    for name, config, folder in zip(names, configs, folders, strict=True):
+    for name, task, folder in zip(names, tasks, folders, strict=True):
         try:
-            _run(config, folder, fresh=options.fresh)
+            _run(task, folder, fresh=options.fresh)
         except LisGraspError as error:
             failed.append(name)
             complain(f"{name}: {error}")
@@ -59,8 +59,8 @@ def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> 
         raise EstimationError(f"{of}: {', '.join(failed)}")
 
 
-def _run(config: pipeline.RunConfig, folder: Path, *, fresh: bool) -> None:
-    run = pipeline.run(config, folder, progress=PRINTED, fresh=fresh)
+def _run(task: Task, folder: Path, *, fresh: bool) -> None:
+    run = run_task(task, folder, progress=PRINTED, fresh=fresh)
     if run.grasps is not None and not run.grasps.grasps:
         say_search(run.grasps)
     for line in run_lines(run.report or {}):

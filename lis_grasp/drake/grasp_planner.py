@@ -16,9 +16,9 @@ from lis_grasp.drake.surface_estimator import Estimate
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
 from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
-from lis_grasp.pipeline import Perception
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
+from lis_grasp.stages.estimate import Perception
 from lis_grasp.typing import FloatArray
 
 _BEST, _OTHER = (0.1, 0.6, 0.25, 1.0), (0.3, 0.5, 0.9, 0.25)  # colours

@@ -36,11 +36,11 @@ from lis_grasp.exploration import (
 )
 from lis_grasp.exploration.probe_motions import GENTLE_SPEED
 from lis_grasp.geometry import inverse_pose
-from lis_grasp.pipeline import Perception
 from lis_grasp.probing.guarded_motion import AT_TABLE
 from lis_grasp.probing.probe_planner import ProbePlanner
 from lis_grasp.records import Record
 from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
+from lis_grasp.stages.estimate import Perception
 from lis_grasp.stages.touch import make_policy
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
@@ -231,8 +231,8 @@ class HapticExplorer(LeafSystem):
         estimate = read(self._estimate, context, Estimate, source)
 
         def estimated(known: Contacts) -> ImplicitSurface:
-            assert estimate.estimated is not None
-            return estimate.estimated
+            assert estimate.solid is not None
+            return estimate.solid
 
         setup, explored = replace(self._setup, estimate=estimated), before.exploration
         if explored is None or len(contacts) < before.known:  # the sensor was reset

@@ -16,12 +16,9 @@ from lis_grasp.drake._drawing import Drawing, draw_contacts, draw_estimate
 from lis_grasp.drake._ports import MadeOnce, add_output, read
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.exploration import TactileSensor
-from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline import Perception
 from lis_grasp.records import Record
-from lis_grasp.stages.touch import make_estimator
+from lis_grasp.stages.estimate import Perception, SurfaceEstimate
 from lis_grasp.surfaces import Estimator, ImplicitSurface
-from lis_grasp.surfaces.carved_implicit_surface import above_table, carved
 
 _DRAWN_EVERY = 0.25  # [s] of simulated time
 
@@ -34,26 +31,24 @@ class Estimate(Record):
     perception: Perception
 
     @cached_property
-    def estimated(self) -> ImplicitSurface | None:
-        """The surface before free space is removed; None without contacts."""
-        make = make_estimator(self.perception.estimator, self.perception.sensor)
-        return make(self.contacts) if len(self.contacts) else None
+    def _made(self) -> SurfaceEstimate | None:
+        return SurfaceEstimate(self.contacts, self.perception) if len(self.contacts) else None
 
-    @cached_property
+    @property
+    def solid(self) -> ImplicitSurface | None:
+        """The surface before free space is removed; None without contacts."""
+        return None if self._made is None else self._made.solid
+
+    @property
     def surface(self) -> ImplicitSurface | None:
         """The surface without free space, above the table; None without contacts."""
-        known, surface = self.perception, self.estimated
-        if surface is not None and known.free_space:
-            surface = carved(surface, self.contacts, margin=known.sensor.free_margin)
-        return None if surface is None else above_table(surface, known.table)
+        return None if self._made is None else self._made.surface
 
-    @cached_property
+    @property
     def mesh(self) -> trimesh.Trimesh | None:
         """The closed mesh of the surface; None where contacts are too few for one."""
         try:
-            if self.surface is None:
-                return None
-            return extract_mesh(self.surface, touched=self.contacts.points)
+            return None if self._made is None else self._made.mesh
         except EstimationError:
             return None
 
@@ -123,9 +118,12 @@ class SurfaceEstimator(LeafSystem):
     ) -> None:
         super().__init__()
         perception = Perception(
-            estimator=estimator, sensor=noise or TactileSensor(), free_space=free_space, table=table
+            estimator=estimator,
+            sensor=noise or TactileSensor(),
+            free_space=free_space,
+            support_height=table,
         )
-        make_estimator(estimator, perception.sensor)  # an unknown name is an error now
+        _ = perception.make  # an unknown name is an error now
         empty = Contacts.empty()
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(empty))
         self._made = MadeOnce[Contacts, Estimate](lambda contacts: Estimate(contacts, perception))

@@ -88,14 +88,12 @@ def stop_when_certain(deviation: float, space: Workspace | Region) -> StopRule:
     return rule
 
 
-def stop_when_graspable(
-    probability: float, predict: Callable[[ImplicitSurface], float]
-) -> StopRule:
+def stop_when_graspable(probability: float, predict: Callable[[Contacts], float]) -> StopRule:
     """Stop when a grasp on the estimate is predicted to hold with a probability, from 0 to 1.
 
-    `predict` plans a grasp and returns its `closure_probability`; it is called from 10 contacts on,
-    for every second contact. Two predictions in succession must reach the probability, because the
-    uncertainty of an estimate from few contacts is often too small.
+    `predict` plans a grasp on the estimate of contacts and returns its `closure_probability`. It is
+    called from 10 contacts on, for every second contact. Two predictions in succession must reach
+    the probability, because the uncertainty of an estimate from few contacts is often too small.
 
     Raises `InvalidOptionError` if the probability is out of range.
     """
@@ -111,7 +109,7 @@ def _nothing() -> float:
 @dataclass(frozen=True, slots=True)
 class _StopWhenGraspable:
     probability: float
-    predict: Callable[[ImplicitSurface], float]
+    predict: Callable[[Contacts], float]
     planned: int = _NONE_PLANNED  # contacts at the last prediction
     is_new: bool = False  # whether the last estimate got a prediction
     # The last two predictions, made when they are used.
@@ -131,7 +129,7 @@ class _StopWhenGraspable:
             rule = _StopWhenGraspable(self.probability, self.predict)
         if len(contacts) < rule.planned + _EVERY:
             return replace(rule, is_new=False)
-        last = cache(partial(self.predict, surface))
+        last = cache(partial(self.predict, contacts))
         return replace(rule, planned=len(contacts), is_new=True, before=rule.last, last=last)
 
 

@@ -1,16 +1,20 @@
-"""Declaration of one option: its meaning, the values that it may have, and its check."""
+"""Records of options: each option is declared once, and checked when a record is made.
+
+Types are checked by pydantic; ranges, choices and names by the check of the declaration.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from functools import cache
-from numbers import Integral, Real
+from functools import cache, wraps
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Any, Literal, Protocol, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Protocol, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
+import pydantic.dataclasses
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+from typing_extensions import dataclass_transform
 
 from lis_grasp.exceptions import InvalidOptionError
 
@@ -20,14 +24,15 @@ Check = Callable[[str, Any], Any]
 # Beyond this a number of an option is damage, whatever its unit.
 _LARGEST = 1e9
 
-_KINDS: Mapping[type, tuple[type, str]] = {
-    str: (str, "a text that is not empty"),
-    bool: (bool, "True or False"),
-    int: (Integral, "a whole number"),
-    float: (Real, "a number"),
+_REQUIRED: Mapping[type, str] = {
+    str: "a text that is not empty",
+    bool: "True or False",
+    int: "a whole number",
+    float: "a number",
+    tuple: "a list of numbers",
 }
 
-_Config = TypeVar("_Config", bound=type)
+_T = TypeVar("_T")
 
 
 class Names(Protocol):
@@ -58,69 +63,89 @@ class Option:
 
 
 def option(default: Any, help: str, group: str = "", **declaration: Any) -> Any:
-    """Return a field of a dataclass with its declaration."""
+    """Return a field of a record with its declaration."""
     return field(default=default, metadata={"option": Option(help, group, **declaration)})
 
 
-@cache
-def options_of(config: Any) -> dict[str, Option]:
-    """Return the declaration of every field of a configuration by its name."""
-    return {item.name: item.metadata["option"] for item in fields(config)}
+@dataclass_transform(frozen_default=True)
+def record_of_options(cls: type[_T]) -> type[_T]:
+    """Make a class a frozen dataclass whose fields are options, checked and documented.
 
-
-def documented(config: _Config) -> _Config:
-    """Add the options to the docstring of a configuration."""
-    lines = [f"    {name}\n        {o.help}." for name, o in options_of(config).items()]
-    config.__doc__ = f"{config.__doc__}\n    Parameters\n    ----------\n" + "\n".join(lines) + "\n"
-    return config
-
-
-@cache
-def kind_of(config: Any, name: str) -> type:
-    """Return the type of an option's values beside None: str, bool, int, float or tuple."""
-    hint = get_type_hints(config)[name]
-    either = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-    (kind,) = (k for k in either if k is not NoneType)
-    found = get_origin(kind) or kind
-    return str if found is Literal else found
-
-
-def check_options(config: Any) -> None:
-    """Check every value of a configuration by type, choices and check, and keep what these return.
-
-    Raises
-    ------
-    InvalidOptionError
-        For the first value that is not permitted.
+    Making one raises `InvalidOptionError` for the first value that is not permitted.
     """
-    of_class: Any = type(config)
-    defaults = {item.name: item.default for item in fields(config)}
-    for name, declared in options_of(of_class).items():
-        value = getattr(config, name)
-        if isinstance(value, (str, NoneType)) and not value and value == defaults[name]:
-            continue
-        if isinstance(value, (Path, np.generic)):
-            value = str(value) if isinstance(value, Path) else value.item()
-        if declared.choices and value not in declared.choices:
-            raise InvalidOptionError.not_one_of(name, value, declared.choices)
-        value = checked_value(name, value, kind_of(of_class, name), declared.check)
-        object.__setattr__(config, name, value)
+    made: Any = pydantic.dataclasses.dataclass(frozen=True, config=ConfigDict(strict=True))(cls)
+    declared, fill = options_of(made), made.__init__
+
+    @wraps(fill)
+    def make(self: Any, *args: Any, **values: Any) -> None:
+        try:
+            fill(self, *map(_plain, args), **{name: _plain(v) for name, v in values.items()})
+        except ValidationError as invalid:
+            error = invalid.errors(include_url=False)[0]
+            name = error["loc"][0] if error["loc"] else ""
+            if name not in declared:  # Python's own words for a wrong call
+                raise TypeError(f"{cls.__name__}: {error['msg']}: {name}") from None
+            if choices := declared[name].choices:
+                raise InvalidOptionError.not_one_of(name, error["input"], choices) from None
+            raise _wrong(str(name), error["input"], kind_of(made, str(name))) from None
+        for name, option in declared.items():
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, _permitted(name, value, option))
+
+    made.__init__ = make
+    lines = [f"    {name}\n        {o.help}." for name, o in declared.items()]
+    made.__doc__ = f"{cls.__doc__}\n    Parameters\n    ----------\n" + "\n".join(lines) + "\n"
+    return made  # type: ignore[no-any-return]
+
+
+def _plain(value: Any) -> Any:
+    """Return paths as text, scalars of numpy as Python's, and lists as tuples."""
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, (list, np.ndarray)):
+        return tuple(map(_plain, value))
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _permitted(name: str, value: Any, option: Option) -> Any:
+    if value == "":
+        raise InvalidOptionError.out_of_range(name, value, _REQUIRED[str])
+    if option.choices and value not in option.choices:
+        raise InvalidOptionError.not_one_of(name, value, option.choices)
+    return option.check(name, value)
+
+
+@cache
+def options_of(record: Any) -> dict[str, Option]:
+    """Return the declaration of every option of a record by its name."""
+    declared = {item.name: item.metadata.get("option") for item in fields(record)}
+    return {name: option for name, option in declared.items() if option is not None}
+
+
+@cache
+def kind_of(record: Any, name: str) -> type:
+    """Return the type of an option's values beside None: str, bool, int, float or tuple."""
+    hint = get_type_hints(record)[name]
+    kinds = get_args(hint) if type(None) in get_args(hint) or str in get_args(hint) else (hint,)
+    return get_origin(kinds[0]) or kinds[0]
 
 
 def checked_value(name: str, value: Any, kind: type, check: Check) -> Any:
-    """Return what a check returns of a value that is of a type: str, bool, int, float or any.
+    """Return what a check returns of a value that is of a type: str, bool, int or float.
 
     Raises `InvalidOptionError` if it is not, or if the check fails.
     """
-    permitted, required = _KINDS.get(kind, (object, ""))
-    is_bool = isinstance(value, bool)
-    if (
-        not isinstance(value, permitted)
-        or (kind is str and not value)
-        or (is_bool and kind in (int, float))
-    ):
-        raise InvalidOptionError.out_of_range(name, value, required)
-    return check(name, value)
+    try:
+        checked: Any = TypeAdapter(kind, config=ConfigDict(strict=True)).validate_python(
+            _plain(value)
+        )
+    except ValidationError:
+        raise _wrong(name, value, kind) from None
+    return check(name, checked)
+
+
+def _wrong(name: str, value: Any, kind: type) -> InvalidOptionError:
+    return InvalidOptionError.out_of_range(name, value, _REQUIRED[kind])
 
 
 def within(required: str, is_within: Callable[[Any], bool]) -> Check:
@@ -147,20 +172,17 @@ def at_least(least: int) -> Check:
 
 def place(name: str, value: Any) -> tuple[float, ...]:
     """Return a place, three finite numbers."""
-    try:
-        numbers = tuple(float(x) for x in value)
-    except (TypeError, ValueError):
-        numbers = ()
-    if len(numbers) != 3 or not np.isfinite(numbers).all():
+    if len(value) != 3 or not np.isfinite(value).all():
         raise InvalidOptionError.out_of_range(name, value, "3 finite numbers")
-    return numbers
+    return tuple(float(x) for x in value)
 
 
 def named(find: Callable[[str], object]) -> Check:
-    """Return the check of names that a function finds."""
+    """Return the check of names that a function finds; an object is taken as it is."""
 
-    def check(name: str, value: str) -> str:
-        find(value)
+    def check(name: str, value: Any) -> Any:
+        if isinstance(value, str):
+            find(value)
         return value
 
     return check

@@ -10,7 +10,7 @@ from scipy.ndimage import uniform_filter1d
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidInputError, InvalidOptionError
 from lis_grasp.geometry import apply_pose, inverse_pose
-from lis_grasp.io.option import at_least, check_options, documented, option, place
+from lis_grasp.io.option import at_least, option, place, record_of_options
 from lis_grasp.logs._doubts import (
     question_directions,
     question_force_frame,
@@ -45,12 +45,11 @@ class Finger:
     name: str = ""
 
 
-@documented
-@dataclass(frozen=True, slots=True, eq=False)
+@record_of_options
 class LogFrames:
     """Frames of a log, and the object's; conditioning of the forces.
 
-    In Python, `object_frame` is a matrix (4, 4).
+    In Python, `object_frame` is a matrix (4, 4), or its rows.
     """
 
     object_pose: str | None = option(
@@ -60,16 +59,18 @@ class LogFrames:
         metavar="NAME",
         words="it is fixed",
     )
-    object_frame: FloatArray | None = option(
+    object_frame: tuple[tuple[float, ...], ...] | None = option(
         None,
         "fixed pose of the object, X Y Z [QX QY QZ QW], in the frame of the tip's poses",
         TOPICS,
         metavar="NUMBER",
         words="that frame is the object's",
     )
-    tip_frame: str = option("", "frame of the tip's poses, if not in LOG", TOPICS, metavar="FRAME")
-    force_frame: str = option(
-        "",
+    tip_frame: str | None = option(
+        None, "frame of the tip's poses, if not in LOG", TOPICS, metavar="FRAME"
+    )
+    force_frame: str | None = option(
+        None,
         "frame of the force: tip, base (of the tip's poses), or a frame of LOG",
         TOPICS,
         metavar="FRAME",
@@ -99,7 +100,6 @@ class LogFrames:
     )
 
     def __post_init__(self) -> None:
-        check_options(self)
         if self.object_pose is not None and self.object_frame is not None:
             raise InvalidOptionError(
                 "the object's pose is either a topic or fixed; both are given: give one"
@@ -185,7 +185,7 @@ def _touches(
     but = frames.object_pose or ""
     tip_name = finger.tip or choose_topic(log, "pose", None, "tip", but)
     if frames.object_pose is None:
-        fixed = np.eye(4) if frames.object_frame is None else frames.object_frame
+        fixed = np.eye(4) if frames.object_frame is None else np.array(frames.object_frame)
         X_PO = np.tile(fixed, (len(times), 1, 1))
     else:
         other, X_BO, _ = _pose_of(log, frames.object_pose, None, times, "object_pose", near=base)
@@ -244,7 +244,7 @@ def _pose_of(
     `near` is the base of a frame in the log's transforms, if it is one of them.
     """
     frame = None if given is None else given.lstrip("/")
-    named = frames.tip_frame if frames is not None else ""
+    named = (frames.tip_frame or "").lstrip("/") if frames is not None else ""
     topics = {topic.name for topic in log.topics if topic.content == "pose"}
     if given is not None and given not in topics:
         tree = log.frames()

@@ -14,9 +14,8 @@ from lis_grasp.io.option import (
     FRACTION,
     POSITIVE,
     at_least,
-    check_options,
-    documented,
     option,
+    record_of_options,
 )
 from lis_grasp.logs.reading import TOUCHES
 from lis_grasp.surfaces import estimate_normals
@@ -39,8 +38,7 @@ _APPROACH = 0.005
 _FREE_STEP, _FREE_FROM, _FREE_TO = 0.005, 0.005, 0.05
 
 
-@documented
-@dataclass(frozen=True, slots=True)
+@record_of_options
 class TouchDetection:
     """When a fingertip touches, and where the surface is then."""
 
@@ -78,9 +76,6 @@ class TouchDetection:
         choices=FORCES_ON,
         words="what agrees with the approach",
     )
-
-    def __post_init__(self) -> None:
-        check_options(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,7 +20,7 @@ from lis_grasp.exceptions import (
 )
 from lis_grasp.geometry import apply_pose, are_rigid, rotate, unit
 from lis_grasp.io.limits import read_arrays
-from lis_grasp.io.option import POSITIVE, check_options, documented, option
+from lis_grasp.io.option import POSITIVE, option, record_of_options
 from lis_grasp.logs._doubts import require_places
 from lis_grasp.logs.reading import PATCHES
 from lis_grasp.records import read_only
@@ -106,8 +106,7 @@ class TactilePatches:
             raise InvalidFileError(message, path=Path(path)) from None
 
 
-@documented
-@dataclass(frozen=True, slots=True)
+@record_of_options
 class PatchDetection:
     """Which pixels of a patch become contacts; those on flat surface are taken first."""
 
@@ -127,9 +126,6 @@ class PatchDetection:
         words="the scatter of the heights",
         check=POSITIVE,
     )
-
-    def __post_init__(self) -> None:
-        check_options(self)
 
 
 def contacts_from_patches(

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
-from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io.csv_tables import ANGLES
-from lis_grasp.io.option import check_options, documented, option
+from lis_grasp.io.option import option, record_of_options
 from lis_grasp.logs._columns import ORIENTATIONS, Orientation
 
 Clock = Literal["header", "recording"]
@@ -18,14 +16,7 @@ PATCHES = "tactile patches (.npz)"
 """Groups of options in the help."""
 
 
-def _names(name: str, value: Any) -> tuple[str, ...]:
-    if isinstance(value, str) or not all(isinstance(each, str) for each in value):
-        raise InvalidOptionError.out_of_range(name, value, "a list of names")
-    return tuple(value)
-
-
-@documented
-@dataclass(frozen=True, slots=True)
+@record_of_options
 class LogReading:
     """What a log does not say of itself."""
 
@@ -48,12 +39,8 @@ class LogReading:
     )
     joint_states: tuple[str, ...] | None = option(
         None,
-        "topic of joint states that is used; may be repeated",
+        "topics of joint states that are used",
         TOPICS,
         metavar="NAME",
         words="all, where each joint is on one",
-        check=_names,
     )
-
-    def __post_init__(self) -> None:
-        check_options(self)

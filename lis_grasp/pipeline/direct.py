@@ -1,15 +1,11 @@
-"""Stages from an object and a hand: `lis_grasp.run`, `explore`, `plan` and `lift`.
+"""The stages from an object and a hand: `lis_grasp.run`, `explore`, `plan` and `lift`.
 
-They make the records `RunConfig`, `Scenario` and `Known`, and call the stages of
-`lis_grasp.pipeline`, which take these records. Options are fields of `RunConfig`.
+They make a task of options by name, and call the stages. Options are those of `Task.of`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import fields, replace
 from pathlib import Path
-from types import NoneType
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -19,17 +15,21 @@ from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.exploration import Exploration
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.outcome import LiftOutcome
+from lis_grasp.results.progress import SILENT, Progress
 from lis_grasp.results.run_results import Run
-from lis_grasp.results.whole_run import run as run_with_files
+from lis_grasp.results.whole_run import run_task
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import HAND_REGISTRY
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.shape import require_mesh
-from lis_grasp.stages import lift as lifting_stage
-from lis_grasp.stages import touch as stages
-from lis_grasp.stages.agent import Known
+from lis_grasp.stages.agent import Agent
+from lis_grasp.stages.lift import lift_object
+from lis_grasp.stages.plan import plan_grasps
 from lis_grasp.stages.scenario import Scenario, find_object
-from lis_grasp.task.run_config import LIFTING, RunConfig, require_used
+from lis_grasp.stages.touch import touch
+from lis_grasp.task.scene_file import is_scene_file, load_scene
+from lis_grasp.task.task import LIFTING, Task, require_options, task_options
+from lis_grasp.task.world import World
 from lis_grasp.typing import Seed
 
 AnyObject: TypeAlias = str | Path | Shape | trimesh.Trimesh
@@ -38,40 +38,40 @@ AnyObject: TypeAlias = str | Path | Shape | trimesh.Trimesh
 AnyHand: TypeAlias = str | Path | Hand
 """A hand: the name of a shipped one, the path of its YAML file, or a `Hand`."""
 
-_HAND = RunConfig().hand
+_HAND = Task().robot.hand
 
-# Fields of RunConfig that each stage uses, beside its hand and the name of its object.
+# Options that a plan and a lift use, beside hand and object.
 _LOAD = ("size", "units", "up", "mass", "friction", "load", "arm", "base")
-_RUN = tuple(f.name for f in fields(RunConfig) if f.name not in ("object", "hand", "obstacles"))
-_EXPLORE = tuple(name for name in _RUN if name not in ("free_space", *LIFTING))
 
 
 def run(
-    object: str | Path | RunConfig,
+    object: str | Path | Task,
     hand: str | Path | None = None,
     *,
     folder: Path | str | None = None,
     fresh: bool = False,
+    progress: Progress = SILENT,
     **options: Any,
 ) -> Run:
     """Run every stage on an object, with a folder of results.
 
-    `pipeline.run` is the same for a `RunConfig`, and reports progress. The conditions are the
-    defaults of `RunConfig`, those of ``lis-grasp run --known``; the command's own are
-    ``run("box", **pipeline.conditions.UNKNOWN)``.
+    Without options it is ``lis-grasp run``: only a region is known, the object is free, and the
+    sensor is realistic. With ``known=True`` it is ``lis-grasp run --known``.
 
     Parameters
     ----------
     object
-        The true object, by name or path, since a run records it; or a whole configuration.
+        The true object, by name or path, since a run records it; or a scene file, or a `Task`.
     hand
-        The hand, by name or path; None for that of the configuration, else "allegro".
+        The hand, by name or path; None for that of the task.
     folder
-        Folder of results; None for one in ``results/`` that is named after the configuration.
+        Folder of results; None for one in ``results/`` that is named after the task.
     fresh
         Explore from the beginning in any case.
+    progress
+        Gets a message for every stage and step.
     options
-        Fields of `RunConfig`, which replace those of a configuration. The usual ones are
+        Those of `Task.of`, which replace those of a scene file or a task. The usual ones are
         ``touches``, ``seed``, ``estimator``, ``prober``, ``friction``, ``mass`` [kg], ``size`` [m],
         ``units``, ``up``, ``pose``, ``region``, ``arm`` and ``simulator``.
 
@@ -84,21 +84,22 @@ def run(
 
     Examples
     --------
-    >>> result = run("box", "wsg50", folder="box_by_wsg50", prober="kinematic", touches=12)
+    >>> result = run("box", "wsg50", folder="box", known=True, prober="kinematic", touches=12)
     >>> result.lift["held"]
     True
     """
-    require_used(run, options, _RUN)
-    for kind, value, other in (("object", object, RunConfig), ("hand", hand, NoneType)):
-        if not isinstance(value, (str, Path, other)):
+    for kind, value in (("object", object), ("hand", hand)):
+        if not isinstance(value, (str, Path, Task, type(None))):
             raise TypeError(
                 f"a run records its {kind} by name, and this is of type {type(value).__name__}:"
                 f" give the name of a built-in {kind} or the path of a file"
             )
-    config = object if isinstance(object, RunConfig) else RunConfig(object=str(object))
-    config = replace(config, **options)
-    config = config if hand is None else replace(config, hand=str(hand))
-    return run_with_files(config, folder, fresh=fresh)
+    if hand is not None:
+        options["hand"] = hand
+    if is_scene_file(object):
+        object = load_scene(str(object))
+    task = object.having(**options) if isinstance(object, Task) else Task.of(object, **options)
+    return run_task(task, folder, progress=progress, fresh=fresh)
 
 
 def explore(
@@ -106,19 +107,21 @@ def explore(
 ) -> Exploration:
     """Explore an object by touch in simulation, without files.
 
-    `pipeline.explore_object` writes files. `exploration.explore` takes a prober of one's own.
+    Without options it is ``lis-grasp explore``: the object is free at a random place of a region,
+    and contacts are in the frame of the table. With ``known=True`` it is touched where it is in its
+    frame O. `exploration.explore` takes a prober of one's own.
 
     Parameters
     ----------
     object
-        The true object, which is touched where it is in its frame O unless a ``pose`` is given.
+        The true object.
     hand
         The hand.
     rng
         Seed, or a generator that draws it.
     options
-        Fields of `RunConfig`. The usual ones are ``touches``, ``prober`` ("kinematic" needs no
-        simulator), ``estimator``, ``policy``, ``position_noise`` [m], ``normal_noise`` [rad],
+        Those of `Task.of`. The usual ones are ``known``, ``touches``, ``prober`` ("kinematic" needs
+        no simulator), ``estimator``, ``policy``, ``position_noise`` [m], ``normal_noise`` [rad],
         ``pose``, ``region``, ``free``, ``cloud``, ``size`` [m], ``units``, ``up`` and ``arm``.
 
     Raises
@@ -134,8 +137,9 @@ def explore(
     >>> exploration.made
     3
     """
-    require_used(explore, options, _EXPLORE)
-    return stages.touch(_scenario(object, hand, _seeded(options, rng)))
+    later = {"object", "hand", "obstacles", "free_space", *LIFTING}
+    require_options(options, {"known", *task_options()} - later)
+    return touch(_scenario(object, hand, {"seed": _seed(rng, options), **options}))
 
 
 def plan(
@@ -162,7 +166,7 @@ def plan(
     rng
         Seed, or a generator that draws it.
     options
-        Fields of `RunConfig`: ``grasps`` (their number), ``friction``, ``mass`` [kg] or else
+        Those of `Task.of`: ``grasps`` (their number), ``friction``, ``mass`` [kg] or else
         ``load="unknown"``, ``size`` [m], ``units``, ``up``, ``arm``, ``base`` [m], and
         ``obstacles``, the path of a mesh [m] in O that hand and arm must not hit.
 
@@ -181,20 +185,19 @@ def plan(
     >>> search.best.hand, search.best.pose.shape
     ('wsg50', (4, 4))
     """
-    require_used(plan, options, (*_LOAD, "grasps", "obstacles", "seed"))
+    require_options(options, (*_LOAD, "grasps", "obstacles", "seed"))
     if options.get("load") == "unknown" and (given := {"friction", "mass"} & {*options}):
         raise InvalidOptionError(
             f"load='unknown' plans for any load: leave out {' and '.join(sorted(given))}",
             option="load",
         )
-    config = _config(hand, _seeded(options, rng))
-    hand = hand if isinstance(hand, Hand) else Hand.load(hand)
-    if not isinstance(mesh, trimesh.Trimesh):  # of an estimate, the uncertainty must be kept
-        config, shape = _find(mesh, config)
-        mesh = shape.mesh
-    lowest = float(require_mesh("the mesh", mesh).bounds[0, 2])
-    support = lowest if support_height is None else support_height
-    return stages.plan(Known.for_mesh(config, hand, mesh, support), mesh)
+    named, options["seed"] = _name(mesh), _seed(rng, options)
+    task = Task.of(named, known=True, hand=_hand_name(hand), **options)
+    # Of an estimate, the uncertainty must be kept.
+    solid = mesh if isinstance(mesh, trimesh.Trimesh) else _shape(mesh, task.world).mesh
+    lowest = float(require_mesh("the mesh", solid).bounds[0, 2])
+    height = lowest if support_height is None else support_height
+    return plan_grasps(Agent.for_mesh(task, solid, height, _loaded(hand)), solid)
 
 
 def lift(
@@ -214,7 +217,7 @@ def lift(
     grasp
         The grasp, such as ``plan(mesh, hand).best``.
     options
-        Fields of `RunConfig`: ``friction``, ``mass`` [kg], ``load`` (what the hand knows of both),
+        Those of `Task.of`: ``friction``, ``mass`` [kg], ``load`` (what the hand knows of both),
         ``simulator`` ("drake" or "mujoco"), ``size`` [m], ``units``, ``up``, ``arm`` and
         ``base`` [m].
 
@@ -231,7 +234,7 @@ def lift(
     >>> lift("box", grasp, friction=0.9).held
     True
     """
-    require_used(lift, options, (*_LOAD, "simulator"))
+    require_options(options, (*_LOAD, "simulator"))
     if isinstance(hand, Grasp):
         hand, grasp = None, grasp or hand
     if not isinstance(grasp, Grasp):
@@ -240,41 +243,49 @@ def lift(
             f" {type(grasp).__name__}"
         )
     chosen = grasp.hand if hand is None else hand
-    return lifting_stage.lift(_scenario(object, chosen, options), grasp)
+    return lift_object(_scenario(object, chosen, {"known": True, **options}), grasp)
 
 
-def _scenario(object_: AnyObject, hand: AnyHand, options: Mapping[str, Any]) -> Scenario:
-    config, shape = _find(object_, _config(hand, options))
-    return Scenario.from_config(config, shape, hand if isinstance(hand, Hand) else None)
+def _scenario(object_: AnyObject, hand: AnyHand, options: dict[str, Any]) -> Scenario:
+    task = Task.of(_name(object_), hand=_hand_name(hand), **options)
+    return Scenario.from_config(task, _shape(object_, task.world), _loaded(hand))
 
 
-def _config(hand: AnyHand, options: Mapping[str, Any]) -> RunConfig:
-    """Return a configuration with the name of a hand, if it is one that a name stands for."""
-    name = hand.name if isinstance(hand, Hand) else str(hand)
-    own = isinstance(hand, Hand) and name not in HAND_REGISTRY.names
-    return RunConfig(hand=_HAND if own else name, **options)
-
-
-def _find(object_: AnyObject, config: RunConfig) -> tuple[RunConfig, Shape]:
-    """Return an object, and the configuration with its name."""
-    if isinstance(object_, trimesh.Trimesh):
-        object_ = Shape.from_mesh(object_)
-    if isinstance(object_, Shape):
-        return replace(config, object=object_.name), object_
+def _name(object_: AnyObject) -> str:
+    """Return the name of an object that a task records."""
     if isinstance(object_, (str, Path)):
-        config = replace(config, object=str(object_))
-        return config, find_object(config)
+        return str(object_)
+    if isinstance(object_, (Shape, trimesh.Trimesh)):
+        return getattr(object_, "name", "") or "mesh"
     raise TypeError(
         "an object is a name, a path, a Shape or a trimesh.Trimesh; this is of type"
-        f" {type(object_).__name__}. Records such as Known are for lis_grasp.pipeline, and"
-        " surfaces for extract_mesh"
+        f" {type(object_).__name__}"
     )
 
 
-def _seeded(options: Mapping[str, Any], rng: Seed) -> dict[str, Any]:
+def _shape(object_: AnyObject, world: World) -> Shape:
+    if isinstance(object_, trimesh.Trimesh):
+        return Shape.from_mesh(object_)
+    return object_ if isinstance(object_, Shape) else find_object(world)
+
+
+def _hand_name(hand: AnyHand) -> str:
+    """Return the name of a hand, if it is one that a name stands for, else the usual one."""
+    if not isinstance(hand, Hand):
+        return str(hand)
+    return hand.name if hand.name in HAND_REGISTRY.names else _HAND
+
+
+def _loaded(hand: AnyHand) -> Hand | None:
+    return hand if isinstance(hand, Hand) else None
+
+
+def _seed(rng: Seed, options: dict[str, Any]) -> int:
+    """Return the seed of random draws, which is an option too."""
     if not isinstance(rng, (int, np.integer, np.random.Generator)):
         raise TypeError(f"rng must be a seed or a numpy.random.Generator; it is {shown(rng)}")
-    if "seed" in options and rng != 0:
+    if "seed" not in options:
+        return int(rng.integers(2**31)) if isinstance(rng, np.random.Generator) else int(rng)
+    if rng != 0:
         raise TypeError("give either rng or seed; both are given")
-    seed = int(rng.integers(2**31)) if isinstance(rng, np.random.Generator) else int(rng)
-    return {"seed": seed, **options}
+    return options["seed"]  # type: ignore[no-any-return]

@@ -28,12 +28,12 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import opening_range
 from lis_grasp.robots.shipped_models import HAND_REGISTRY, hand_path
 from lis_grasp.shapes import Shape
-from lis_grasp.stages.agent import Known
+from lis_grasp.stages.agent import Agent
+from lis_grasp.stages.estimate import SurfaceEstimate
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.stages.touch import exploration_setup, make_prober, touch_steps
-from lis_grasp.surfaces.carved_implicit_surface import above_table
 from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES
-from lis_grasp.task.run_config import LIFTING, RunConfig
+from lis_grasp.task.task import LIFTING, Task
 
 # Intermediate estimates that are kept, and the cells along the bounds of their meshes.
 _STEPS, _CELLS = 7, 26
@@ -60,25 +60,25 @@ def explore_into(
     from the beginning in any case. What new touches demand of an arm is added to
     `arm_use`.
     """
-    config, known = scenario.config, scenario.known
-    cloud = known.cloud_contacts
+    task, agent = scenario.task, scenario.agent
+    cloud = agent.cloud_contacts
     header = _header(scenario)
-    log = TouchLog(folder / LOG, provenance.parse(header) | _content(config))
-    recorded, ending = _recorded_outcomes(log, config, progress, fresh=fresh)
+    log = TouchLog(folder / LOG, provenance.parse(header) | _content(task))
+    recorded, ending = _recorded_outcomes(log, task, progress, fresh=fresh)
     if not recorded:
         remove_growth(folder)
         remove_made_from(folder / "contacts.ply", progress)
         (folder / "contacts.ply").unlink(missing_ok=True)
-    title = f"Touching {scenario.truth.shape.name} with {known.hand.name}"
+    title = f"Touching {scenario.truth.shape.name} with {agent.hand.name}"
     with progress.stage(title) as stage:
         if ending is not None:
-            setup = exploration_setup(known)
+            setup = exploration_setup(agent)
             exploration = end(setup, begin(setup, recorded), ending).result
         else:
             prober = make_prober(scenario, recorded, arm_use)
             log.append()  # a page shows the object before the first touch
             steps = touch_steps(scenario, prober, recorded)
-            exploration = _watched(steps, log, known, header, stage).result
+            exploration = _watched(steps, log, agent, header, stage).result
             log.end(exploration.ended)
         stage.result = exploration.summary()
     contacts = exploration.contacts
@@ -92,7 +92,7 @@ def explore_into(
 
 
 def explore_object(
-    config: RunConfig,
+    task: Task,
     folder: Path | str | None = None,
     *,
     progress: Progress = SILENT,
@@ -104,14 +104,14 @@ def explore_object(
 
     Examples
     --------
-    >>> config = RunConfig("box", hand="wsg50", prober="kinematic", touches=3)
-    >>> scenario, exploration = pipeline.explore_object(config, "touched_box")
+    >>> task = Task.of("box", hand="wsg50", prober="kinematic", touches=3)
+    >>> scenario, exploration = pipeline.explore_object(task, "touched_box")
     >>> exploration.made
     3
     """
-    config.require_slides()
-    folder = results_folder(config, folder)
-    scenario = Scenario.from_config(config)
+    task.require_slides()
+    folder = results_folder(task, folder)
+    scenario = Scenario.from_config(task)
     say_object(scenario, progress)
     with sole_writer(folder), threadpool_limits(1):
         exploration = explore_into(folder, scenario, progress=progress, fresh=fresh)
@@ -121,7 +121,7 @@ def explore_object(
 def say_object(scenario: Scenario, progress: Progress) -> None:
     """Report the repairs of the true object's mesh, and whether it is too wide for the hand."""
     say_repairs(scenario.truth.shape, progress)
-    say_width(scenario.truth.shape.mesh, scenario.known.hand, progress)
+    say_width(scenario.truth.shape.mesh, scenario.agent.hand, progress)
 
 
 def say_repairs(shape: Shape, progress: Progress) -> None:
@@ -160,25 +160,26 @@ def growth_counts(contacts: int) -> list[int]:
 def _watched(
     steps: Iterator[ExplorationState],
     log: TouchLog,
-    known: Known,
+    agent: Agent,
     header: str,
     stage: StageProgress,
 ) -> ExplorationState:
     """Write the log and some intermediate estimates, report the progress, and return the end."""
     state = next(steps)  # after the recorded outcomes, the last of which may lack its estimate
-    kept = Exploration.replay(state.outcomes[:-1], touches=known.touches).made
-    counts = growth_counts(known.touches)
+    kept = Exploration.replay(state.outcomes[:-1], touches=agent.decide.touches).made
+    counts = growth_counts(agent.decide.touches)
     while not state.ended:
         made = state.result.made
         if state.outcomes and (state.outcomes[-1].lost or state.outcomes[-1].joined):
             stage.note(state.outcomes[-1].reason)
-        stage.count(made, known.touches)
+        stage.count(made, agent.decide.touches)
         if state.surface is not None and state.is_new:
             # One touch can make several contacts and so pass a count.
-            if made < known.touches and any(kept < count <= made for count in counts):
+            if made < agent.decide.touches and any(kept < count <= made for count in counts):
                 with suppress(EstimationError, InvalidMeshError):  # too few for a surface
-                    cell = float(np.ptp(state.surface.bounds, axis=0).max()) / _CELLS
-                    mesh = extract_mesh(above_table(state.surface, known.table), resolution=cell)
+                    surface = SurfaceEstimate(state.known, agent.perception).surface
+                    cell = float(np.ptp(surface.bounds, axis=0).max()) / _CELLS
+                    mesh = extract_mesh(surface, resolution=cell)
                     save_growth(log.path.parent, len(state.contacts), mesh, header)
             kept = made
         state = next(steps)
@@ -189,11 +190,11 @@ def _watched(
 
 # An exploration runs this module and those that it imports. The values of a configuration are
 # facts of their own.
-_RUNS, _CONFIGURATION = "lis_grasp.stages.touch", "lis_grasp.task.run_config"
+_RUNS, _CONFIGURATION = "lis_grasp.stages.touch", "lis_grasp.task.task"
 
 
 def _recorded_outcomes(
-    log: TouchLog, config: RunConfig, progress: Progress, *, fresh: bool
+    log: TouchLog, task: Task, progress: Progress, *, fresh: bool
 ) -> tuple[tuple[ProbeOutcome, ...], str | None]:
     """Return the outcomes to continue or reuse, and why they ended; say which, or why none."""
     recording = log.read()
@@ -201,8 +202,8 @@ def _recorded_outcomes(
     if fresh and log.path.exists():
         why = ", as asked"
     elif recording.changes:
-        why = f": {_reason(recording.changes, config)}"
-    elif ending is not None and config.arm is not None:
+        why = f": {_reason(recording.changes, task)}"
+    elif ending is not None and task.robot.arm is not None:
         why = ": the log lacks what touches demand of the arm"
     if why is not None:
         log.path.unlink()
@@ -217,49 +218,51 @@ def _recorded_outcomes(
 
 def _header(scenario: Scenario) -> str:
     """Return the facts of an exploration as the header of its files."""
-    config = scenario.config
-    loads = () if config.free or config.until_success is not None else ("mass", "friction")
+    task = scenario.task
+    is_pushed, ends_on_grasp = task.world.is_free, task.decide.until_success is not None
+    loads = () if is_pushed or ends_on_grasp else ("mass", "friction")
     later = (*LIFTING, "obstacles", *loads)
-    facts = {name: value for name, value in config.facts().items() if name not in later}
+    facts = {name: value for name, value in task.facts().items() if name not in later}
     poses = {name: value for name, value in scenario.facts().items() if name != "X_EO"}
     return provenance.describe(**facts, **poses)
 
 
-def _content(config: RunConfig) -> dict[str, str]:
+def _content(task: Task) -> dict[str, str]:
     """Return hashes of the code that an exploration runs, and of its files and plug-ins."""
     skipped = [_CONFIGURATION]
-    if config.until_success is None:  # no grasp is planned
+    if task.decide.until_success is None:  # no grasp is planned
         skipped.append("lis_grasp.grasping")
-    if config.prober != "dynamic":
+    if task.world.prober != "dynamic":
         skipped.append("lis_grasp.simulation")
-    files = {f"{name}_digest": file for name, file in _files(config).items()}
+    files = {f"{name}_digest": file for name, file in _files(task).items()}
     digests = {name: provenance.digest_of(file) for name, file in files.items()}
     return {"source": provenance.source_digest(_RUNS, tuple(skipped))} | digests
 
 
-def _files(config: RunConfig) -> dict[str, Path]:
+def _files(task: Task) -> dict[str, Path]:
     """Return the files that an exploration depends on, by the fact that names them."""
-    named = {name: getattr(config, name) for name in ("object", "cloud", "arm")}
+    hand, facts = task.robot.hand, task.facts()
+    named = {name: facts[name] for name in ("object", "cloud", "arm")}
     files = {name: Path(file) for name, file in named.items() if file and Path(file).is_file()}
-    files["hand"] = hand_path(config.hand)
+    files["hand"] = hand_path(hand)
     plugged = {
-        "estimator": ESTIMATOR_NAMES.source_file(config.estimator),
-        "policy": POLICY_NAMES.source_file(config.policy),
+        "estimator": ESTIMATOR_NAMES.source_file(facts["estimator"]),
+        "policy": POLICY_NAMES.source_file(facts["policy"]),
     }
-    if config.hand in HAND_REGISTRY.names:
-        plugged["hand_plugin"] = HAND_REGISTRY.source_file(config.hand)
+    if hand in HAND_REGISTRY.names:
+        plugged["hand_plugin"] = HAND_REGISTRY.source_file(hand)
     return files | {name: file for name, file in plugged.items() if file is not None}
 
 
-def _reason(changes: Mapping[str, tuple[Any, Any]], config: RunConfig) -> str:
+def _reason(changes: Mapping[str, tuple[Any, Any]], task: Task) -> str:
     """Return in words why an exploration cannot be resumed: the first that explains others."""
-    facts = [name for name in changes if name in config.facts()]
+    facts = [name for name in changes if name in task.facts()]
     if facts:
         shown = {n: ["not given" if v is None else v for v in changes[n]] for n in facts}
         return "; ".join(f"{n} is {now}, and was {before}" for n, (before, now) in shown.items())
     edited = [name for name in changes if name.endswith("_digest")]
     if edited:
-        files = _files(config)
+        files = _files(task)
         names = (name.removesuffix("_digest") for name in edited)
         texts = (files[name].name if name in files else f"the file of {name}" for name in names)
         return f"{' and '.join(texts)} was edited"

@@ -33,14 +33,15 @@ from lis_grasp.results.stage_files import (
 )
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import load
-from lis_grasp.stages.agent import Known, Perception, station_facts
+from lis_grasp.stages.agent import Agent, station_facts
 from lis_grasp.stages.contact_sources import ContactSource, join_sources, read_source
+from lis_grasp.stages.estimate import Perception
 from lis_grasp.stages.lift import lift_each, process_count, require_simulator
 from lis_grasp.stages.next_touch import NO_TABLE, ObjectPlace
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.surfaces.contact_loading import DOUBTFUL, fraction_in_front
 from lis_grasp.task.recorded_facts import read_facts
-from lis_grasp.task.run_config import HEIGHT, RunConfig, require_used
+from lis_grasp.task.task import HEIGHT, Task, require_options
 from lis_grasp.typing import FloatArray
 
 # Fields that distinguish contacts.
@@ -66,8 +67,8 @@ class GraspedFile:
     path: Path
     search: GraspSearch
     mesh: trimesh.Trimesh  #: in O [m]
-    known: Known
-    config: RunConfig
+    agent: Agent
+    task: Task
     recorded: Mapping[str, Any]  #: facts of the header
 
 
@@ -92,7 +93,7 @@ def estimate_file(
     Its contacts are written beside it if the folder lacks them, and files that were made from an
     earlier surface are removed. The default of `folder` is that of the first file. The options are
     ``estimator``, ``free_space`` and ``keep_all``, by default as recorded in the files, else as in
-    `RunConfig`.
+    `Task`.
 
     Raises `InvalidContactsError` if there are no contacts, `InvalidOptionError` if the folder has
     others that must be kept, `TypeError` for another option.
@@ -105,14 +106,15 @@ def estimate_file(
     >>> made.path.name, made.mesh.is_watertight
     ('surface.ply', True)
     """
-    require_used(estimate_file, options, ("estimator", "free_space", "keep_all"))
+    require_options(options, ("estimator", "free_space", "keep_all"))
     paths = [Path(source.path) for source in sources]
     contacts, recorded = _load_sources(sources)
     if not len(contacts):
         raise InvalidContactsError(f"{paths[0]} has no contacts: add at least one row")
     noise = {n: getattr(sources[0], n) for n in NOISE if len({getattr(s, n) for s in sources}) == 1}
-    config = RunConfig.from_facts({"estimator": None, **noise, **options}, recorded)
-    known = Perception.from_config(config, recorded.get("support_height"))
+    task = Task.from_facts({"estimator": None, **noise, **options}, recorded)
+    height = recorded.get("support_height") if task.on_table else None
+    known = Perception.of(task.robot, task.decide, height)
     folder = paths[0].parent if folder is None else folder
     is_kept = _require_contacts_fit(folder, contacts, paths)
     checked = "object" in recorded or any(source.normals or source.viewpoint for source in sources)
@@ -148,7 +150,7 @@ def grasp_file(
     an estimate the table's, else the lowest contact's; else it is the mesh's lowest point. The
     options are ``hand``, ``arm``, ``base``, ``mass``, ``friction``, ``load``, ``grasps``,
     ``obstacles``, ``seed``, ``units`` and ``up``, by default as recorded in the file, else as in
-    `RunConfig`.
+    `Task`.
 
     Raises `InvalidOptionError` if a value is out of range, `InvalidFileError` or `InvalidMeshError`
     if the mesh cannot be used, `TypeError` for another option.
@@ -160,14 +162,14 @@ def grasp_file(
     >>> made.path.name, len(made.search)
     ('grasps.json', 1)
     """
-    require_used(grasp_file, options, (*PLANNED_WITH, "units", "up"))
+    require_options(options, (*PLANNED_WITH, "units", "up"))
     recorded = read_facts(path, usual="surface.ply")
-    config = RunConfig.from_facts({"hand": None, **options}, recorded)
+    task = Task.from_facts({"hand": None, **options}, recorded)
     mesh = load_mesh(path, options, recorded, progress)
     for warning in recorded.get("warnings") or ():
         if support is None or not warning.startswith(NO_TABLE):
             progress.say(f"{_WARNING}{warning}")
-    hand = Hand.load(config.hand)
+    hand = Hand.load(task.robot.hand)
     lowest = float(mesh.bounds[0, 2])
     table = recorded.get("support_height", lowest) if support is None else support
     table = checked_value("support", table, float, HEIGHT)
@@ -175,14 +177,14 @@ def grasp_file(
         progress.say(f"{_WARNING}{NO_TABLE}: `support` is {table:.4g} m, the lowest point")
     elif (below := round(1e3 * (table - lowest))) > 0:
         progress.say(f"{_WARNING}the mesh reaches {below} mm below the table, z = {table:.4g} m")
-    known = Known.for_mesh(config, hand, mesh, table, recorded_base(options, recorded))
-    facts = recorded | station_facts(known.station) | planning_facts(config)
+    agent = Agent.for_mesh(task, mesh, table, hand, recorded_base(options, recorded))
+    facts = recorded | station_facts(agent.station) | planning_facts(task)
     path = (path.parent if folder is None else folder) / "grasps.json"
     with result_file(path, progress) as temporary:
-        search = write_grasps(temporary, known, mesh, facts, progress)
+        search = write_grasps(temporary, agent, mesh, facts, progress)
     if not search.grasps:
         say_width(mesh, hand, progress)
-    return GraspedFile(path, search, mesh, known, config, recorded)
+    return GraspedFile(path, search, mesh, agent, task, recorded)
 
 
 def lift_file(
@@ -227,7 +229,7 @@ def lift_file(
             if not lifts:
                 outcome.motion.save(folder / "motion.npz")
             lifts.append({"rank": rank, **lift_facts(outcome, mass=scenario.truth.mass)})
-        facts = scenario.config.facts()
+        facts = scenario.task.facts()
         facts = {n: v for n, v in facts.items() if n not in ("estimator", "policy")}
         header = provenance.merge(work.recorded, **facts)
         write_json(folder / "lifts.json", {"header": header, "lifts": lifts})
@@ -246,20 +248,20 @@ class LiftingWork:
 
 def lifting_of(path: Path, options: Mapping[str, Any], progress: Progress) -> LiftingWork:
     """Return the grasps in a file and what to lift, with options as of `lift_file`."""
-    require_used(lift_file, options, _LIFTED_WITH)
+    require_options(options, _LIFTED_WITH)
     recorded = read_facts(path, usual="grasps.json")
     search = GraspSearch.load(path)
     if options.get("object") is None and "object" not in recorded:
         raise InvalidOptionError(f"{path} records no object: name it by `object`", option="object")
-    config = RunConfig.from_facts({"hand": None, **options}, recorded)
+    task = Task.from_facts({"hand": None, **options}, recorded)
     poses = {**recorded, "X_EA": recorded_base(options, recorded)}
-    scenario = Scenario.from_config(config, recorded=poses)
+    scenario = Scenario.from_config(task, recorded=poses)
     say_repairs(scenario.truth.shape, progress)
-    if config.obstacles is not None:
+    if task.known.obstacles is not None:
         progress.say("the lift is simulated without the obstacles")
-    require_simulator(config.simulator, scenario.truth.shape)
+    require_simulator(task.world.simulator, scenario.truth.shape)
     surface = path.with_name("surface.ply")
-    avoided = scenario.known.station is not None and surface.exists()
+    avoided = scenario.agent.station is not None and surface.exists()
     return LiftingWork(search, scenario, load_surface(surface) if avoided else None, recorded)
 
 

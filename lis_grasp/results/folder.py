@@ -15,9 +15,8 @@ from lis_grasp.exploration.touch_log import read_log
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import read_lines
 from lis_grasp.results.progress import SILENT, Progress
-from lis_grasp.task.conditions import KNOWN, UNKNOWN
 from lis_grasp.task.recorded_facts import checked_facts, read_facts
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.task.task import KNOWN, Task
 
 LOG = "touches.jsonl"
 """The touch log of an exploration."""
@@ -54,15 +53,15 @@ def read_touches(path: Path) -> tuple[dict[str, Any], tuple[ProbeOutcome, ...]]:
     return checked_facts(facts, path), outcomes
 
 
-def results_folder(config: RunConfig, named: Path | str | None) -> Path:
+def results_folder(task: Task, named: Path | str | None) -> Path:
     """Return the folder of a run: the one that is named, or `default_output`.
 
     Raises `InvalidOptionError` if the folder has results of another object; a default one also if
     they are of another configuration, such as of a file of the same name in another folder, and
     `InvalidFileError` if it has files of other programs that the run would replace.
     """
-    folder = default_output(config) if named is None else Path(named)
-    facts = config.facts()
+    folder = default_output(task) if named is None else Path(named)
+    facts = task.facts()
     recorded: dict[str, Any] = read_lines(folder / LOG, advice="name another `folder`")[0]
     distinguished = facts if named is None else ("object",)
     differing = [n for n in distinguished if n in recorded and recorded[n] != facts[n]]
@@ -78,12 +77,12 @@ def results_folder(config: RunConfig, named: Path | str | None) -> Path:
     return folder
 
 
-def default_output(config: RunConfig) -> Path:
+def default_output(task: Task) -> Path:
     """Return the folder that a run writes to when none is named; other options give another."""
-    facts, usual = config.facts(), RunConfig().facts()
-    parts = [Path(config.object).stem, Path(config.hand).stem, config.estimator]
-    parts.append(f"seed{config.seed}")
-    usual |= {**UNKNOWN, "free": config.prober == "dynamic"}
+    facts, usual = task.facts(), Task().facts()
+    parts = [Path(task.world.object).stem, Path(task.robot.hand).stem, facts["estimator"]]
+    parts.append(f"seed{task.seed}")
+    usual["free"] = task.world.prober == "dynamic"
     if all(facts[option] == value for option, value in KNOWN.items()):
         parts.append("known")
         usual |= KNOWN

@@ -21,7 +21,7 @@ from lis_grasp.io.json_lines import MADE_AGAIN, append_lines, read_lines
 from lis_grasp.results.file_stages import lifting_of
 from lis_grasp.results.progress import SILENT, Progress
 from lis_grasp.results.report import lift_facts
-from lis_grasp.stages.lift import lift, process_count, worker_pool
+from lis_grasp.stages.lift import lift_object, process_count, worker_pool
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.version import __version__
 
@@ -79,9 +79,9 @@ def label_file(
         runner = partial(_in_processes, process_count(jobs))
     folder = path.parent if folder is None else folder
     header = {"labels": 1, "version": __version__, "grasps_digest": provenance.digest_of(path)}
-    file = Path(scenario.config.object)
+    file = Path(scenario.task.world.object)
     digest = {"object_digest": provenance.digest_of(file)} if file.is_file() else {}
-    header |= {**scenario.config.facts(), **scenario.facts(), **digest}
+    header |= {**scenario.task.facts(), **scenario.facts(), **digest}
     log = folder / LABELS
     with sole_writer(folder):
         recorded, rows = read_lines(log, advice=MADE_AGAIN)
@@ -107,7 +107,7 @@ def label_file(
 
 def _label(scenario: Scenario, estimate: trimesh.Trimesh | None, job: Job) -> dict[str, Any]:
     rank, grasp = job
-    outcome = lift(scenario, grasp, estimate=estimate)
+    outcome = lift_object(scenario, grasp, estimate=estimate)
     return {"rank": rank, **lift_facts(outcome, mass=scenario.truth.mass)}
 
 

@@ -30,7 +30,7 @@ from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.stages.agent import find_obstacles
 from lis_grasp.task.recorded_facts import read_facts
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.task.task import Task
 from lis_grasp.visualization.scene import Scene
 from lis_grasp.visualization.scene_server import LOCALHOST, SCENE_FILE, serve_scene
 
@@ -68,7 +68,7 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
         if run.truth is not None:
             content |= {"truth": run.truth.mesh, "title": f"lis_grasp: {run.truth.name}"}
     with suppress(LisGraspError):  # the page is complete without them
-        content["obstacles"] = find_obstacles(RunConfig.from_facts({}, facts))
+        content["obstacles"] = find_obstacles(Task.from_facts({}, facts))
     if facts.get("arm") is not None and "X_EA" in facts:
         height = facts.get("support_height")
         table = None if height is None else Table(float(height))
@@ -185,8 +185,8 @@ class Watched:
     Examples
     --------
     >>> with pipeline.Watched("watched_box") as page:
-    ...     config = RunConfig("box", hand="wsg50", prober="kinematic", touches=3)
-    ...     _ = pipeline.explore_object(config, "watched_box")
+    ...     task = Task.of("box", hand="wsg50", prober="kinematic", touches=3)
+    ...     _ = pipeline.explore_object(task, "watched_box")
     >>> page.address.startswith("http://127.0.0.1:")
     True
     """

@@ -1,8 +1,11 @@
-"""Progress of stages: what a run reports while it works, and a default that reports nothing."""
+"""Progress of stages: what a run reports while it works, and the time of each stage."""
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
+import time
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, field
 from typing import Protocol
 
 
@@ -57,3 +60,19 @@ class _Silent:
 
 SILENT: Progress = _Silent()
 """Progress that reports nothing."""
+
+
+@dataclass(slots=True)
+class Stopwatch:
+    """Wall time of each named stage [s]."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def measure(self, stage: str) -> Iterator[None]:
+        """Add the time of a block to `stage`."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start

@@ -38,15 +38,15 @@ def build_report(
     Surface, grasps and lift are those of the last attempt. `scenario` is the one after the
     exploration, `arm_use` what touches demanded of the arm.
     """
-    config, last = scenario.config, attempts[-1]
+    task, last = scenario.task, attempts[-1]
     return {
         "version": __version__,
-        "config": config.facts(),
+        "config": task.facts(),
         "object": scenario.truth.shape.name,
-        "hand": config.hand,
-        **arm_facts(scenario.known.station, arm_use),
-        "estimator": config.estimator,
-        "seed": config.seed,
+        "hand": task.robot.hand,
+        **arm_facts(scenario.agent.station, arm_use),
+        "estimator": task.decide.estimator,
+        "seed": task.seed,
         "touches": exploration.made,
         "exploration": exploration_facts(scenario, exploration, last.mesh),
         "repairs": list(scenario.truth.shape.repairs),
@@ -65,19 +65,19 @@ def exploration_facts(
     `scenario` is the one after it. Covered is what is within `covered_radius` [m] of a contact on
     its side. The true surface is known in simulation only; exploration never uses it.
     """
-    contacts, known = exploration.contacts, scenario.known
+    contacts, agent = exploration.contacts, scenario.agent
     shape = scenario.truth.shape
     truth = scenario.truth.shape_now
     radius = touch_radius(shape.mesh)
-    tips = [p.radius for p in known.hand.probe_postures.values() if p.radius > 0.0]
+    tips = [p.radius for p in agent.hand.probe_postures.values() if p.radius > 0.0]
     return {
-        "asked": known.touches,
+        "asked": agent.decide.touches,
         "made": exploration.made,
         "contacts": len(contacts),
         "probes": len(exploration.outcomes),
         "ended": exploration.ended,
         "seconds": exploration.duration,
-        "search": _search_facts(exploration) if isinstance(known.space, Region) else None,
+        "search": _search_facts(exploration) if isinstance(agent.space, Region) else None,
         "motion": motion_facts(shape, exploration),
         "covered_radius": radius,
         "reachable_coverage": reachable_coverage(
@@ -85,7 +85,7 @@ def exploration_facts(
             contacts,
             tip_radius=min(tips, default=0.1 * radius),
             radius=radius,
-            support_height=known.table,
+            support_height=agent.perception.support_height,
         ),
         "estimate_coverage": None
         if estimate is None
@@ -127,7 +127,7 @@ def _grasp_facts(attempt: Attempt) -> dict[str, Any]:
         best, mesh = search.grasps[0], truth.shape_now.mesh
         facts["best_epsilon_estimate"] = best.quality["epsilon"]
         facts["best_epsilon_truth"] = epsilon_on_truth(
-            best, mesh, attempt.scenario.known.hand, friction=truth.friction
+            best, mesh, attempt.scenario.agent.hand, friction=truth.friction
         )
     return facts
 

@@ -19,11 +19,10 @@ from lis_grasp.motion import Motion
 from lis_grasp.records import Answering
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, find, placed_as_recorded
-from lis_grasp.stages.agent import Perception
-from lis_grasp.stages.touch import estimate
+from lis_grasp.stages.estimate import Perception, SurfaceEstimate
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.task.recorded_facts import located, read_facts
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.task.task import Task
 
 # Files whose headers say where the object is, the last that is written first.
 SOURCES = ("grasps.json", "surface.ply", "contacts.ply")
@@ -87,10 +86,10 @@ class Run(metaclass=Answering):
         )
 
     @cached_property
-    def config(self) -> RunConfig:
-        """The configuration, as far as it is recorded; `InvalidOptionError` as of `RunConfig`."""
+    def task(self) -> Task:
+        """The task, as far as it is recorded; `InvalidOptionError` as of `Task`."""
         reported = {} if self.report is None else self.report["config"]
-        return RunConfig.from_facts(located({**self.facts, **reported}, self.folder))
+        return Task.from_facts(located({**self.facts, **reported}, self.folder))
 
     @cached_property
     def truth(self) -> Shape | None:
@@ -107,15 +106,16 @@ class Run(metaclass=Answering):
     @cached_property
     def hand(self) -> Hand:
         """The hand; errors as of `Hand.load`."""
-        return Hand.load(self.config.hand)
+        return Hand.load(self.task.robot.hand)
 
     @cached_property
     def surface(self) -> ImplicitSurface | None:
         """The surface, estimated again from the contacts; None without contacts."""
         if self.contacts is None:
             return None
-        known = Perception.from_config(self.config, self.facts.get("support_height"))
-        return estimate(known, self.contacts)[0]
+        task, height = self.task, self.facts.get("support_height")
+        known = Perception.of(task.robot, task.decide, height if task.on_table else None)
+        return SurfaceEstimate(self.contacts, known).surface
 
     @property
     def lift(self) -> Mapping[str, Any] | None:

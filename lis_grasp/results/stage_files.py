@@ -16,15 +16,16 @@ from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface, save_surface
 from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LiftOutcome
-from lis_grasp.results.progress import Progress
+from lis_grasp.results.progress import Progress, Stopwatch
 from lis_grasp.results.summary import lesson_sentence
-from lis_grasp.stages.agent import Known, Perception
+from lis_grasp.stages.agent import Agent
+from lis_grasp.stages.estimate import Perception, SurfaceEstimate, note_doubts
+from lis_grasp.stages.plan import plan_grasps
 from lis_grasp.stages.regrasp import Lesson, Stages
 from lis_grasp.stages.scenario import Scenario
-from lis_grasp.stages.touch import Stopwatch, estimate, plan
 from lis_grasp.surfaces.estimators import few_contacts
 from lis_grasp.task.recorded_facts import read_facts
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.task.task import Task
 
 NOISE = ("position_noise", "normal_noise")
 """Facts of a sensor in the headers of surfaces."""
@@ -47,14 +48,15 @@ def write_surface(
 
     Its header has the verdicts on bad contacts, by their rows, and the warnings of the estimate.
     """
-    verdicts, warnings = known.judge(contacts), list(recorded.get("warnings") or ())
-    warnings += filter(None, [few_contacts(contacts)])  # which `estimate` notes
-    credible = verdicts.credible
+    made = SurfaceEstimate(contacts, known)
+    verdicts, warnings = made.verdicts, list(recorded.get("warnings") or ())
+    warnings += filter(None, [few_contacts(contacts)])  # which `note_doubts` notes
+    note_doubts(made.credible)
     if verdicts.bad.any():
         warnings.append(verdicts.sentence())
         progress.say(f"warning: {warnings[-1]} (`keep_all` believes all)")
     with progress.stage(f"Estimating the surface ({known.estimator})") as stage:
-        _, mesh = estimate(known, credible)
+        mesh = made.mesh
         facts = {name: getattr(known.sensor, name) for name in NOISE}
         facts |= {"estimator": known.estimator, "free_space": known.free_space}
         facts |= verdicts.facts() | {"warnings": warnings} if warnings else {}
@@ -64,20 +66,21 @@ def write_surface(
 
 
 def write_grasps(
-    path: Path, known: Known, mesh: trimesh.Trimesh, recorded: Mapping[str, Any], progress: Progress
+    path: Path, agent: Agent, mesh: trimesh.Trimesh, recorded: Mapping[str, Any], progress: Progress
 ) -> GraspSearch:
     """Plan grasps on a surface with the recorded facts, write them, and return them."""
-    with progress.stage(f"Planning grasps of {known.hand.name}") as stage:
-        search = plan(known, mesh)
-        header = provenance.merge(recorded, support_height=known.support)
+    with progress.stage(f"Planning grasps of {agent.hand.name}") as stage:
+        search = plan_grasps(agent, mesh)
+        header = provenance.merge(recorded, support_height=agent.support_height)
         search.save(path, header=header)
         stage.result = f"{len(search.grasps)} grasps of {search.candidates} candidates"
     return search
 
 
-def planning_facts(config: RunConfig) -> dict[str, Any]:
+def planning_facts(task: Task) -> dict[str, Any]:
     """Return what a plan of grasps depends on, for the header of its file."""
-    return {name: getattr(config, name) for name in PLANNED_WITH}
+    facts = task.facts()
+    return {name: facts[name] for name in PLANNED_WITH}
 
 
 class StoredStages(Stages):
@@ -101,15 +104,15 @@ class StoredStages(Stages):
                 contacts.save(path, header=provenance.merge(self._recorded))
                 contacts = Contacts.load(path)
             path = self._folder / "surface.ply"
-            write_surface(path, scenario.known, contacts, self._recorded, self._progress)
+            write_surface(path, scenario.agent.perception, contacts, self._recorded, self._progress)
             return load_surface(path)
 
     def plan(self, scenario: Scenario, mesh: trimesh.Trimesh) -> GraspSearch:
         """Plan grasps, and write grasps.json."""
-        facts = self._recorded | planning_facts(scenario.config)
+        facts = self._recorded | planning_facts(scenario.task)
         with self._watch.measure("grasp"):
             path = self._folder / "grasps.json"
-            return write_grasps(path, scenario.known, mesh, facts, self._progress)
+            return write_grasps(path, scenario.agent, mesh, facts, self._progress)
 
     def lift(
         self,

@@ -16,24 +16,22 @@ from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.results.exploring import explore_into, say_object
 from lis_grasp.results.folder import remove_made_from, results_folder
 from lis_grasp.results.page import write_scene_of
-from lis_grasp.results.progress import SILENT, Progress
+from lis_grasp.results.progress import SILENT, Progress, Stopwatch
 from lis_grasp.results.report import build_report
 from lis_grasp.results.run_results import Run
 from lis_grasp.results.stage_files import OF_CONTACTS, StoredStages
 from lis_grasp.robots.inertias import require_possible_inertias
-from lis_grasp.stages.agent import require_record
 from lis_grasp.stages.lift import require_simulator
 from lis_grasp.stages.regrasp import grasp_with_tactile_check
 from lis_grasp.stages.scenario import Scenario
-from lis_grasp.stages.touch import Stopwatch
 from lis_grasp.task.recorded_facts import read_facts
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.task.task import Task
 
 _LOG = logging.getLogger(__name__)
 
 
-def run(
-    config: RunConfig,
+def run_task(
+    task: Task,
     folder: Path | str | None = None,
     *,
     progress: Progress = SILENT,
@@ -46,10 +44,10 @@ def run(
 
     Parameters
     ----------
-    config
-        The configuration.
+    task
+        The task.
     folder
-        Folder of results; None for one in ``results/`` that is named after the configuration.
+        Folder of results; None for one in ``results/`` that is named after the task.
     progress
         Gets a message for every stage and step.
     fresh
@@ -62,22 +60,21 @@ def run(
 
     Examples
     --------
-    >>> config = RunConfig("box", hand="wsg50", prober="kinematic", touches=12)
-    >>> pipeline.run(config, "box_by_wsg50").lift["held"]
+    >>> task = Task.of("box", hand="wsg50", prober="kinematic", touches=12)
+    >>> pipeline.run(task, "box_by_wsg50").lift["held"]
     True
     """
-    require_record("run", config, RunConfig)
-    config.require_slides()
-    if config.obstacles is not None:
+    task.require_slides()
+    if task.known.obstacles is not None:
         raise InvalidOptionError(
             "a run simulates no obstacles: plan with them on its surface.ply, by lis-grasp grasp",
             option="obstacles",
         )
-    folder, watch, arm_use = results_folder(config, folder), Stopwatch(), ArmUse()
-    scenario = Scenario.from_config(config)
+    folder, watch, arm_use = results_folder(task, folder), Stopwatch(), ArmUse()
+    scenario = Scenario.from_config(task)
     say_object(scenario, progress)
-    require_possible_inertias(scenario.known.hand)
-    require_simulator(config.simulator, scenario.truth.shape)
+    require_possible_inertias(scenario.agent.hand)
+    require_simulator(task.world.simulator, scenario.truth.shape)
     # Threads change the order of sums, and so the last digits of results.
     with sole_writer(folder), threadpool_limits(1):
         with watch.measure("touch"):
@@ -106,7 +103,7 @@ def _contacts(folder: Path, exploration: Exploration, scenario: Scenario) -> Con
     contacts = Contacts.load(folder / "contacts.ply")
     height, lowest = float(scenario.truth.shape.mesh.extents[2]), lowest_tip(0.0)
     if len(contacts):
-        top = contacts.bounds[1, 2] - scenario.known.support
+        top = contacts.bounds[1, 2] - scenario.agent.support_height
         if top <= lowest:
             raise EstimationError(
                 f"the object is {1e3 * top:.2g} mm high where it was touched, too low for"
@@ -114,7 +111,9 @@ def _contacts(folder: Path, exploration: Exploration, scenario: Scenario) -> Con
             )
         return contacts
     why = "check that the region contains the object and that the hand gets there"
-    if scenario.config.region is not None and height < 1.001 * lowest:  # STL is in single precision
+    if (
+        scenario.task.known.region is not None and height < 1.001 * lowest
+    ):  # STL is in single precision
         why = (
             f"the object is {1e3 * height:.2g} mm high, and fingertips that search for it stay"
             f" {1e3 * lowest:.2g} mm above the table: an object so thin must be at a known place"

@@ -32,10 +32,10 @@ from lis_grasp.logs.detection import APPROACH_NOISE
 from lis_grasp.results.file_stages import estimate_file, grasp_file
 from lis_grasp.results.folder import result_file
 from lis_grasp.robots.hand import Hand
-from lis_grasp.stages.agent import Known
+from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.contact_sources import ContactSource
 from lis_grasp.stages.next_touch import NextTouch, ObjectPlace, next_touch_after, touch_setup
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
 
 _MOST_ROWS, _MOST_GRASPS = 1000, 100  # of a request
@@ -94,8 +94,8 @@ class TouchService:
 
     Parameters
     ----------
-    config, hand
-        The configuration, and its hand.
+    task, hand
+        The task, and its hand.
     place
         What is known of the object's place.
     folder
@@ -106,7 +106,7 @@ class TouchService:
         Contacts and outcomes of probes so far.
     """
 
-    config: RunConfig
+    task: Task
     hand: Hand
     place: ObjectPlace
     folder: Path
@@ -142,9 +142,9 @@ class TouchService:
         surface = self._estimate()
         return surface if not isinstance(request, GraspRequest) else self._grasp(request)
 
-    def _setup(self, space: Workspace | Region) -> tuple[Known, ExplorationSetup]:
-        known = Known.for_hand(self.config, self.hand, space, 0.0)
-        return known, touch_setup(known, self.before)
+    def _setup(self, space: Workspace | Region) -> tuple[Agent, ExplorationSetup]:
+        agent = Agent.of(self.task, space, 0.0, self.hand)
+        return agent, touch_setup(agent, self.before)
 
     def _next(self, request: NextRequest) -> dict[str, Any]:
         reports = bool(request.model_fields_set - {"request", "id"})
@@ -157,8 +157,8 @@ class TouchService:
         contacts = self._state.known
         try:
             if self._touch is None:
-                known, setup = self._setup(self.place.space(contacts))
-                self._touch = next_touch_after(known, setup, self._state)
+                agent, setup = self._setup(self.place.space(contacts))
+                self._touch = next_touch_after(agent, setup, self._state)
         except LisGraspError as error:
             if not reports:
                 raise

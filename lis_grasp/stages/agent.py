@@ -1,9 +1,9 @@
-"""What the robot knows of a run, and how it decides: nothing of the true object."""
+"""The robot as it decides: hand, arm, what it knows, and how; nothing of the true object."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +14,7 @@ from lis_grasp.arms.placement import choose_base
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError
-from lis_grasp.exploration import Policy, Region, TactileSensor, Workspace
+from lis_grasp.exploration import Region, Workspace
 from lis_grasp.exploration.extent import End, unseen_ends
 from lis_grasp.geometry import inverse_pose, make_pose, require_pose
 from lis_grasp.grasping.grasps import LoadPrior
@@ -24,186 +24,152 @@ from lis_grasp.shapes import default_mass
 from lis_grasp.shapes.loading import load_obstacles
 from lis_grasp.shapes.object_mass import USUAL_FRICTION, USUAL_MASS, published_mass
 from lis_grasp.stages.contact_sources import ContactSource, load_source
-from lis_grasp.surfaces import ContactVerdicts, Estimator, judge_contacts
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.stages.estimate import Perception
+from lis_grasp.task.decide import Decide
+from lis_grasp.task.known import Known
+from lis_grasp.task.robot import Robot
+from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
 
 UNKNOWN_LOAD = LoadPrior(USUAL_FRICTION, USUAL_MASS, friction_spread=0.25, mass_spread=np.log(2))
 """Household objects and fingertips of rubber: 0.06 to 0.7 kg, friction 0.5 to 1.2."""
 
-# Options that say how the robot decides, without a change.
-_DECISIONS = (
-    *("policy", "cloud", "touches", "grasps", "attempts", "closings", "seed"),
-    *("until_success", "until_coverage", "until_uncertainty", "max_seconds"),
-)
 
+@dataclass(frozen=True, eq=False, kw_only=True)  # no slots: for cached_property
+class Agent:
+    """The robot, what it knows beforehand, and how it decides.
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Perception:
-    """The settings of an estimate from contacts.
+    Nothing of the true object is part of it. Poses and heights are in the frame E of the contacts.
 
     Examples
     --------
-    >>> pipeline.Perception(estimator="gpis").free_space
-    True
-    """
-
-    estimator: str | Estimator = "blend"  #: a name, or called with the contacts alone
-    sensor: TactileSensor = field(default_factory=TactileSensor)  #: the estimator knows its noise
-    free_space: bool = True  #: whether the contacts' free space is removed from the estimate
-    keep_all: bool = False  #: whether contacts that the others contradict are believed
-    table: float | None = None  #: height of a table that closes it from below [m]
-
-    @classmethod
-    def from_config(cls, config: RunConfig, support: float | None) -> Perception:
-        """Return what a configuration says, for an object on a plane at a height `support` [m]."""
-        return Perception(
-            estimator=config.estimator,
-            sensor=config.sensor(),
-            free_space=config.free_space,
-            keep_all=config.keep_all,
-            table=_table(config, support),
-        )
-
-    def judge(self, contacts: Contacts) -> ContactVerdicts:
-        """Return the verdicts on contacts, given the sensor's noise; with `keep_all`, all sound."""
-        return judge_contacts(
-            replace(contacts, judged=True) if self.keep_all else contacts,
-            position_noise=self.sensor.position_noise or None,
-            normal_noise=self.sensor.normal_noise or None,
-        )
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Known(Perception):
-    """The robot's knowledge, and how it decides; nothing of the true object is part of it.
-
-    Poses and heights are in the frame E of the contacts.
-
-    Examples
-    --------
-    >>> known = pipeline.Scenario.from_config(RunConfig("box", hand="wsg50")).known
-    >>> known.hand.name, known.estimator
+    >>> agent = pipeline.Scenario.from_config(Task.of("box", hand="wsg50")).agent
+    >>> agent.hand.name, agent.decide.estimator
     ('wsg50', 'blend')
     """
 
-    hand: Hand
-    space: Workspace | Region  #: the region that contains the object, or its position and size
-    support: float  #: height of the plane under the object [m]
-    load: LoadPrior  #: distribution of mass and friction
-    mass_by_volume: bool = False  #: whether its mass is replaced by `default_mass` of an estimate
-    station: Station | None = None  #: the arm that carries the hand; None for a free hand
-    policy: str | Callable[[Workspace], Policy]  #: a name, or makes a policy
-    cloud: str | None  #: path of contacts that are known before the first touch
-    touches: int  #: to make
-    slide: float = 0.0  #: length of slides after touches [m]
-    until_success: float | None  #: what ends an exploration earlier, as in `RunConfig`
-    until_coverage: float | None
-    until_uncertainty: float | None
-    max_seconds: float | None
-    grasps: int  #: to plan
-    obstacles: trimesh.Trimesh | None = None  #: what hand and arm must not hit [m]
-    attempts: int  #: grasps to lift at most
-    closings: int  #: grasps to test by closing gently before a lift, at most
+    robot: Robot  #: as configured: names, and the sensor
+    known: Known  #: as configured
+    decide: Decide  #: how it decides
     seed: int  #: of every random draw
+    hand: Hand
+    station: Station | None = None  #: the arm that carries the hand; None for a free hand
+    space: Workspace | Region  #: the region that contains the object, or its position and size
+    support_height: float  #: of the plane under the object [m]
+    on_table: bool  #: whether that plane is a table; else the object is held in the air
+    may_slide: bool = False  #: whether fingertips may slide along the object
+    load_prior: LoadPrior  #: distribution of mass and friction
+    mass_by_volume: bool = False  #: whether its mass is replaced by `default_mass` of an estimate
+    keep_out: trimesh.Trimesh | None = None  #: what hand and arm must not hit [m]
 
     @classmethod
-    def for_hand(
+    def of(
         cls,
-        config: RunConfig,
-        hand: Hand,
+        task: Task,
         space: Workspace | Region,
-        support: float,
+        support_height: float,
+        hand: Hand | None = None,
         X_EA: FloatArray | None = None,
-    ) -> Known:
-        """Return what a configuration and the given facts say.
+    ) -> Agent:
+        """Return the agent of a task whose object is in a space, on a plane at a height [m].
 
-        `X_EA` (4, 4) is the pose of the arm's base in the frame of the contacts, as recorded; None
-        for the configured one.
+        `hand` is None for the configured one. `X_EA` (4, 4) is the pose of the arm's base in the
+        frame of the contacts, as recorded; None for the configured one.
+
+        Raises `InvalidHandError`, `InvalidArmError` and `InvalidFileError` if a file cannot be
+        used.
         """
-        is_known = config.load != "unknown"
-        mass = config.mass if config.mass is not None else published_mass(config.object)
-        load = LoadPrior(config.friction, USUAL_MASS if mass is None else mass)
-        obstacles = find_obstacles(config)
-        return Known(
-            **vars(Perception.from_config(config, support)),
-            **{name: getattr(config, name) for name in _DECISIONS},
-            slide=config.slide if config.may_slide else 0.0,
+        world, robot, known = task.world, task.robot, task.known
+        hand = Hand.load(robot.hand) if hand is None else hand
+        is_known = known.load != "unknown"
+        mass = world.mass if world.mass is not None else published_mass(world.object)
+        load = LoadPrior(world.friction, USUAL_MASS if mass is None else mass)
+        keep_out = find_obstacles(task)
+        return Agent(
+            robot=robot,
+            known=known,
+            decide=task.decide,
+            seed=task.seed,
             hand=hand,
+            station=_make_station(robot, hand, Table(support_height, obstacles=keep_out), X_EA),
             space=_for_fingertips(space, hand),
-            support=support,
-            load=load if is_known else UNKNOWN_LOAD,
+            support_height=support_height,
+            on_table=task.on_table,
+            may_slide=task.may_slide,
+            load_prior=load if is_known else UNKNOWN_LOAD,
             mass_by_volume=is_known and mass is None,
-            obstacles=obstacles,
-            station=_make_station(config, hand, Table(support, obstacles=obstacles), X_EA),
+            keep_out=keep_out,
         )
 
     @classmethod
     def for_mesh(
         cls,
-        config: RunConfig,
-        hand: Hand,
+        task: Task,
         mesh: trimesh.Trimesh,
-        support: float,
+        support_height: float,
+        hand: Hand | None = None,
         X_EA: FloatArray | None = None,
-    ) -> Known:
+    ) -> Agent:
         """Return the same for planning on a mesh [m], which shows the object's place."""
         space = Workspace(1.0, mesh.bounds.mean(axis=0), float(mesh.extents.max()))
-        return Known.for_hand(config, hand, space, support, X_EA)
+        return Agent.of(task, space, support_height, hand, X_EA)
+
+    @cached_property
+    def perception(self) -> Perception:
+        """The settings of its estimates."""
+        height = self.support_height if self.on_table else None
+        return Perception.of(self.robot, self.decide, height)
+
+    @cached_property
+    def cloud_contacts(self) -> Contacts:
+        """Contacts that are known before the first touch; errors are those of `load_source`."""
+        if self.known.cloud is None:
+            return Contacts.empty()
+        try:
+            return load_source(ContactSource(self.known.cloud))
+        except InvalidContactsError as error:  # options of `estimate` would help
+            advice = "in lis-grasp estimate: name the contacts.ply that it writes as `cloud`"
+            raise InvalidContactsError(f"{error}, {advice}", field=error.field) from None
+
+    def deciding(self, **decisions: Any) -> Agent:
+        """Return the same with other values of some fields of `Decide`."""
+        return replace(self, decide=replace(self.decide, **decisions))
 
     def unseen_ends(self, contacts: Contacts) -> tuple[End, ...]:
         """Return the ends of an object in a region that no contact shows."""
         space = self.space
         return unseen_ends(space.fitted_to(contacts), contacts) if isinstance(space, Region) else ()
 
-    def in_frame(self, X_EF: FloatArray) -> Known:
+    def in_frame(self, X_EF: FloatArray) -> Agent:
         """Return the same in a frame F that has the pose `X_EF` (4, 4) in the frame E so far."""
         if self.station is None:
             return self
         return replace(self, station=self.station.moved(inverse_pose(X_EF) @ self.station.X_WA))
 
-    @cached_property
-    def cloud_contacts(self) -> Contacts:
-        """Contacts that are known before the first touch; errors are those of `load_source`."""
-        if self.cloud is None:
-            return Contacts.empty()
-        try:
-            return load_source(ContactSource(self.cloud))
-        except InvalidContactsError as error:  # options of `estimate` would help
-            advice = "in lis-grasp estimate: name the contacts.ply that it writes as `cloud`"
-            raise InvalidContactsError(f"{error}, {advice}", field=error.field) from None
-
-    def load_prior(self, mesh: trimesh.Trimesh) -> LoadPrior:
+    def load_of(self, mesh: trimesh.Trimesh) -> LoadPrior:
         """Return the distribution of mass and friction of an estimated object."""
-        return replace(self.load, mass=default_mass(mesh)) if self.mass_by_volume else self.load
-
-
-def require_record(stage: str, record: object, kind: type) -> None:
-    """Raise `TypeError` if a stage is called without its record, as if it were of `lis_grasp`."""
-    if not isinstance(record, kind):
-        raise TypeError(
-            f"pipeline.{stage} takes a {kind.__name__} first; it is of type"
-            f" {type(record).__name__}: lis_grasp.{stage} takes objects, hands and contacts"
-        )
+        load = self.load_prior
+        return replace(load, mass=default_mass(mesh)) if self.mass_by_volume else load
 
 
 def _make_station(
-    config: RunConfig, hand: Hand, table: Table, X_EA: FloatArray | None
+    robot: Robot, hand: Hand, table: Table, X_EA: FloatArray | None
 ) -> Station | None:
     """Return the configured station at a table; None without an arm."""
-    if config.arm is None:
+    if robot.arm is None:
         return None
-    arm = Arm.load(config.arm)
+    arm = Arm.load(robot.arm)
     if X_EA is not None:
         return Station.make(arm, hand, require_pose("X_EA", X_EA), table=table)
-    if config.base is None:
+    if robot.base is None:
         return choose_base(arm, hand, table=table)
-    return Station.make(arm, hand, base_at(config.base, table.height), table=table)
+    return Station.make(arm, hand, base_at(robot.base, table.height), table=table)
 
 
-def find_obstacles(config: RunConfig) -> trimesh.Trimesh | None:
+def find_obstacles(task: Task) -> trimesh.Trimesh | None:
     """Return the configured obstacles, None without any; errors are those of `load_obstacles`."""
-    return None if config.obstacles is None else load_obstacles(config.obstacles)
+    path = task.known.obstacles
+    return None if path is None else load_obstacles(path)
 
 
 def base_at(place: Sequence[float], height: float) -> FloatArray:
@@ -222,14 +188,3 @@ def _for_fingertips(space: Workspace | Region, hand: Hand) -> Workspace | Region
     """Return prior knowledge with the radius of the hand's thickest probing fingertip."""
     radii = [posture.radius for posture in hand.probe_postures.values()]
     return replace(space, tip_radius=max(radii)) if radii else space
-
-
-def _table(config: RunConfig, support: float | None) -> float | None:
-    """Return the height of the table under the object [m]; None for one that is held in the air.
-
-    Placed and free objects are on a table, and those of an arm: at the height of their `support`
-    [m].
-    """
-    if config.pose is not None:
-        return 0.0
-    return support if config.free or config.arm is not None else None

@@ -21,8 +21,8 @@ from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.setup import LiftSetup, plan_arm_lift
 from lis_grasp.shapes import Shape
-from lis_grasp.stages.agent import Known, require_record
-from lis_grasp.stages.scenario import Scenario, support_height
+from lis_grasp.stages.agent import Agent
+from lis_grasp.stages.scenario import Scenario, lowest_point
 
 
 def require_simulator(simulator: str, shape: Shape) -> None:
@@ -33,7 +33,7 @@ def require_simulator(simulator: str, shape: Shape) -> None:
         require_mujoco(shape.mesh)
 
 
-def lift(
+def lift_object(
     scenario: Scenario,
     grasp: Grasp,
     *,
@@ -58,32 +58,31 @@ def lift(
 
     Examples
     --------
-    >>> scenario = pipeline.Scenario.from_config(RunConfig("box", hand="wsg50", grasps=1))
-    >>> search = pipeline.plan(scenario.known, scenario.truth.shape.mesh)
+    >>> scenario = pipeline.Scenario.from_config(Task.of("box", hand="wsg50", grasps=1))
+    >>> search = pipeline.plan(scenario.agent, scenario.truth.shape.mesh)
     >>> pipeline.lift(scenario, search.best).held
     True
     """
-    require_record("lift", scenario, Scenario)
-    truth, known = scenario.truth, scenario.known
+    truth, agent = scenario.truth, scenario.agent
     setup = LiftSetup(
         truth.shape.mesh,
-        known.hand,
+        agent.hand,
         grasp,
-        support_height(truth.shape),
+        lowest_point(truth.shape),
         truth.mass,
         truth.friction,
-        options or lift_options(known) or LiftOptions(),
+        options or lift_options(agent) or LiftOptions(),
         truth.X_EO,
     )
-    if known.station is None and scenario.config.simulator == "mujoco":
+    if agent.station is None and scenario.task.world.simulator == "mujoco":
         from lis_grasp.simulation.mujoco import lift as in_mujoco
 
         return in_mujoco.simulate_lift(setup, accept_grasp)
     from lis_grasp.simulation.drake.lift import simulate_lift
 
-    if known.station is not None:
+    if agent.station is not None:
         step = setup.options.time_step
-        arm = plan_arm_lift(known.station, grasp, estimate, time_step=step)
+        arm = plan_arm_lift(agent.station, grasp, estimate, time_step=step)
         if isinstance(arm, str):
             return LiftOutcome.not_begun(arm, truth.X_EO)
         setup = replace(setup, arm=arm)
@@ -105,12 +104,12 @@ def lift_each(
 
     Examples
     --------
-    >>> scenario = pipeline.Scenario.from_config(RunConfig("box", hand="wsg50", grasps=1))
-    >>> search = pipeline.plan(scenario.known, scenario.truth.shape.mesh)
+    >>> scenario = pipeline.Scenario.from_config(Task.of("box", hand="wsg50", grasps=1))
+    >>> search = pipeline.plan(scenario.agent, scenario.truth.shape.mesh)
     >>> [outcome.held for outcome in pipeline.lift_each(scenario, search, jobs=1)]
     [True]
     """
-    simulate = partial(lift, scenario, estimate=estimate, options=options)
+    simulate = partial(lift_object, scenario, estimate=estimate, options=options)
     if jobs == 1 or len(grasps) < 2:
         yield from map(simulate, grasps)
         return
@@ -118,11 +117,12 @@ def lift_each(
         yield from pool.map(simulate, grasps)
 
 
-def lift_options(known: Known) -> LiftOptions | None:
+def lift_options(agent: Agent) -> LiftOptions | None:
     """Return the options of a lift whose load is known as a prior says; None for the defaults."""
-    if known.load.is_known:
+    load = agent.load_prior
+    if load.is_known:
         return None
-    return LiftOptions(assumed_friction=known.load.friction, assumed_mass=known.load.mass)
+    return LiftOptions(assumed_friction=load.friction, assumed_mass=load.mass)
 
 
 @contextmanager

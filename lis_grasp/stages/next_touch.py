@@ -25,8 +25,9 @@ from lis_grasp.exploration import (
 from lis_grasp.exploration.loop import sought_ends
 from lis_grasp.probing.approach_planner import NO_FREE_APPROACH, Approach, ApproachPlanner
 from lis_grasp.robots.hand import Hand
-from lis_grasp.stages.agent import Known
+from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.touch import exploration_rng, exploration_setup
+from lis_grasp.task.task import plain_value
 
 NO_TABLE = "no table is known"
 """Start of warnings of a table that is assumed."""
@@ -158,7 +159,7 @@ class ObjectPlace:
 
 
 def next_touch(
-    known: Known, contacts: Contacts, outcomes: Sequence[ProbeOutcome] = ()
+    agent: Agent, contacts: Contacts, outcomes: Sequence[ProbeOutcome] = ()
 ) -> NextTouch:
     """Return the next touch that the known policy chooses and the hand can approach.
 
@@ -166,7 +167,7 @@ def next_touch(
 
     Parameters
     ----------
-    known
+    agent
         Its hand needs a probe posture. In a region without contacts, the touch is a search motion.
         Its cloud is not used: it is part of the contacts.
     contacts
@@ -180,19 +181,20 @@ def next_touch(
     EstimationError
         If no probe can be approached, or the policy has none left.
     """
-    setup = touch_setup(known, contacts)
-    return next_touch_after(known, setup, begin(setup, outcomes))
+    setup = touch_setup(agent, contacts)
+    return next_touch_after(agent, setup, begin(setup, outcomes))
 
 
-def touch_setup(known: Known, contacts: Contacts) -> ExplorationSetup:
+def touch_setup(agent: Agent, contacts: Contacts) -> ExplorationSetup:
     """Return the exploration without limit that begins with contacts, as of `next_touch`."""
-    return replace(exploration_setup(replace(known, cloud=None)), touches=None, prior=contacts)
+    without_cloud = replace(agent, known=replace(agent.known, cloud=None))
+    return replace(exploration_setup(without_cloud), touches=None, prior=contacts)
 
 
-def next_touch_after(known: Known, setup: ExplorationSetup, state: ExplorationState) -> NextTouch:
+def next_touch_after(agent: Agent, setup: ExplorationSetup, state: ExplorationState) -> NextTouch:
     """Return the next touch in a state of an exploration; see `next_touch`."""
-    hand, rng = known.hand, exploration_rng(known)
-    planner = ApproachPlanner(hand, obstacles=known.obstacles)
+    hand, rng, policy = agent.hand, exploration_rng(agent), plain_value(agent.decide.policy)
+    planner = ApproachPlanner(hand, obstacles=agent.keep_out)
     rng.spawn(len(state.outcomes) or len(state.prior))  # the generators of the probes so far
     blocked = 0
     while blocked < _MOST_BLOCKED:
@@ -207,12 +209,10 @@ def next_touch_after(known: Known, setup: ExplorationSetup, state: ExplorationSt
                 distance = float(np.linalg.norm(so_far.points - probe.target, axis=1).min())
                 deviation = float(state.estimated.uncertainty(probe.target[None])[0])
             sought = sought_ends(setup, state)
-            return NextTouch(
-                probe, approach, str(known.policy), distance, deviation, blocked, sought
-            )
+            return NextTouch(probe, approach, policy, distance, deviation, blocked, sought)
         state = advance(setup, state, ProbeOutcome(probe, "blocked", reason=NO_FREE_APPROACH))
         blocked += 1
     raise EstimationError(
-        f"the policy {known.policy} has no probe that the hand {hand.name} can approach, after"
+        f"the policy {policy} has no probe that the hand {hand.name} can approach, after"
         f" {blocked} tries: check `center`, `size`, `support` or `region`, or choose another policy"
     )

@@ -26,15 +26,15 @@ from lis_grasp.grasping.epsilon import robust_epsilon_on
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome
-from lis_grasp.stages.agent import Known
-from lis_grasp.stages.lift import lift
+from lis_grasp.stages.agent import Agent
+from lis_grasp.stages.estimate import SurfaceEstimate
+from lis_grasp.stages.lift import lift_object
+from lis_grasp.stages.plan import plan_grasps
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.stages.touch import (
-    estimate,
     exploration_rng,
     exploration_setup,
     make_prober,
-    plan,
 )
 from lis_grasp.typing import FloatArray
 
@@ -65,11 +65,11 @@ class Stages:
 
     def estimate(self, scenario: Scenario, contacts: Contacts) -> trimesh.Trimesh:
         """Return the mesh of the surface estimated from contacts."""
-        return estimate(scenario.known, contacts)[1]
+        return SurfaceEstimate(contacts, scenario.agent.perception).mesh
 
     def plan(self, scenario: Scenario, mesh: trimesh.Trimesh) -> GraspSearch:
         """Plan grasps on an estimate."""
-        return plan(scenario.known, mesh)
+        return plan_grasps(scenario.agent, mesh)
 
     def lift(
         self,
@@ -79,7 +79,7 @@ class Stages:
         accept_grasp: AcceptGrasp | None,
     ) -> LiftOutcome:
         """Simulate the lift with a grasp that was planned on an estimate."""
-        return lift(scenario, grasp, accept_grasp=accept_grasp, estimate=mesh)
+        return lift_object(scenario, grasp, accept_grasp=accept_grasp, estimate=mesh)
 
     def touch_more(
         self, scenario: Scenario, contacts: Contacts, *, moved: bool
@@ -122,14 +122,14 @@ def grasp_with_tactile_check(
     count as opposite each other under flat pads. If they are not, if the hand hits the object
     during the approach, or if the object slips in the first centimetre of the lift, the hand opens
     and retreats. What it measured is added to the contacts, the object is hardly moved, and a grasp
-    on the new estimate is tested. Each of `Known.closings` tests asks for less; after them, force
+    on the new estimate is tested. Each of `Decide.closings` tests asks for less; after them, force
     closure is enough.
 
     After every other failure (`LOST_GRASPS`) and without a grasp, the attempt has ended, and the
     object rests somewhere. There it is found again by touch, and touched some more times
     (`touch_more`), as it is at the beginning if an end of it is unseen. A weighed mass replaces the
     prior. The next grasp is the likeliest to succeed if grasps like the failed ones fail too. The
-    last grasp of the last of `Known.attempts` is lifted without a check.
+    last grasp of the last of `Decide.attempts` is lifted without a check.
 
     Where the arm has no way to a grasp, or has to stop on it, the next grasp of the plan is
     executed instead, as part of the same attempt.
@@ -138,18 +138,18 @@ def grasp_with_tactile_check(
     of contacts and grasps moves with the object, as believed. `stages` are repeated; None for
     `Stages`, which keep their results in memory.
     """
-    stages, known = stages or Stages(), scenario.known
+    stages, agent = stages or Stages(), scenario.agent
     failed: list[FloatArray] = []
-    if _with_ends(scenario, contacts).known.load.toward:
+    if _with_ends(scenario, contacts).agent.load_prior.toward:
         scenario, contacts, _ = stages.touch_more(scenario, contacts, moved=False)
-    lifts, tests = known.attempts, known.closings
+    lifts, tests = agent.decide.attempts, agent.decide.closings
     while lifts:
         scenario = _with_ends(scenario, contacts)
         mesh = stages.estimate(scenario, contacts)
         search = stages.plan(scenario, mesh)
         attempt, check = Attempt(scenario, contacts, mesh, search, 0, None), None
         if tests or lifts > 1:
-            check = _tactile_check(mesh, known, tests / max(known.closings, 1))
+            check = _tactile_check(mesh, agent, tests / max(agent.decide.closings, 1))
         for rank in _likeliest_first(search, failed):
             outcome = stages.lift(scenario, search.grasps[rank], mesh, check)
             attempt = Attempt(scenario, contacts, mesh, search, rank, outcome)
@@ -160,7 +160,7 @@ def grasp_with_tactile_check(
             yield attempt
         last = attempt.outcome
         is_test = bool(tests) and last is not None and last.reason in _GENTLE
-        lifts, tests = lifts - (not is_test), tests - 1 if is_test else known.closings
+        lifts, tests = lifts - (not is_test), tests - 1 if is_test else agent.decide.closings
         if not lifts or not (last is None or last.reason in LOST_GRASPS):
             if last is None or last.reason not in _NEXT_GRASP or last.closed:
                 yield attempt
@@ -181,23 +181,24 @@ def grasp_with_tactile_check(
 
 def _with_ends(scenario: Scenario, contacts: Contacts) -> Scenario:
     """Return the scenario with the ends of the object in a region that no contact shows."""
-    known = scenario.known
-    ends = known.unseen_ends(contacts)
+    agent = scenario.agent
+    ends = agent.unseen_ends(contacts)
     toward = tuple(tuple(float(x) for x in end.displacement) for end in ends)
-    return replace(scenario, known=replace(known, load=replace(known.load, toward=toward)))
+    load = replace(agent.load_prior, toward=toward)
+    return replace(scenario, agent=replace(agent, load_prior=load))
 
 
 def _learned(attempt: Attempt, outcome: LiftOutcome) -> tuple[Scenario, Contacts]:
     """Return scenario and contacts after an attempt, where the fingers closed."""
     felt, scenario = outcome.measured_contacts, attempt.scenario.moved(outcome.X_WO)
     felt = replace(felt, free_radii=np.maximum(felt.free_radii - CONTACT_ERROR, 0.0))
-    load = scenario.known.load_prior(attempt.mesh)
-    known = replace(scenario.known, grasps=max(scenario.known.grasps, _MORE_GRASPS))
+    load, agent = scenario.agent.load_of(attempt.mesh), scenario.agent
+    agent = agent.deciding(grasps=max(agent.decide.grasps, _MORE_GRASPS))
     # An object that was not lifted may be heavier: the table helped.
     if outcome.weighed is not None and (outcome.lifted or outcome.weighed > load.mass):
         load = replace(load, mass=outcome.weighed, mass_spread=0.0)
-        known = replace(known, load=load, mass_by_volume=False)
-    return replace(scenario, known=known), attempt.contacts.append(felt)
+        agent = replace(agent, load_prior=load, mass_by_volume=False)
+    return replace(scenario, agent=agent), attempt.contacts.append(felt)
 
 
 def touch_more(
@@ -213,14 +214,15 @@ def touch_more(
     Returns the scenario and all contacts in the frame of the object where it was found, and counts.
     Without contacts, it was not found.
     """
-    known = scenario.known
-    if isinstance(known.space, Workspace):
-        known = replace(known, space=replace(known.space, support_height=known.support))
+    agent = scenario.agent
+    if isinstance(agent.space, Workspace):
+        space = replace(agent.space, support_height=agent.support_height)
+        agent = replace(agent, space=space)
     again = np.unique(np.linspace(0, len(contacts) - 1, _TOUCHED_AGAIN).round()).astype(int)
     rest = contacts.subset(np.delete(np.arange(len(contacts)), again))
-    setup = replace(exploration_setup(known), touches=None, prior=rest)
-    setup = replace(setup, tracker=PoseTracker(known.sensor.position_noise))
-    surface, space = setup.estimate(contacts), known.space.grown(contacts).fitted_to(contacts)
+    setup = replace(exploration_setup(agent), touches=None, prior=rest)
+    setup = replace(setup, tracker=PoseTracker(agent.robot.sensor.position_noise))
+    surface, space = setup.estimate(contacts), agent.space.grown(contacts).fitted_to(contacts)
     recorded = []
     for one in map(contacts.subset, again[:, None]):
         probe = surface_probe(one.points[0], one.normals[0], space, contacts, surface, ())
@@ -228,17 +230,20 @@ def touch_more(
     above = replace(recorded[0].probe, target=space.center + [0.0, 0.0, space.size])
     X_EO, belief = scenario.truth.X_EO, doubted() if moved else PoseBelief.start()
     recorded.append(ProbeOutcome(above, "blocked", simulated_pose=X_EO, tracked=belief))
-    is_free = replace(scenario, config=replace(scenario.config, prober="dynamic", free=True))
+    task = scenario.task.having(prober="dynamic", free=True, fingers="one")
+    is_free = replace(scenario, task=task)
     prober = make_prober(is_free, recorded)
     if isinstance(setup.policy, RegionPolicy):
         setup = replace(setup, policy=replace(setup.policy, before=len(recorded)))
     wanted, lost = len(again) + _MORE_TOUCHES, False
-    for state in explore_steps(prober, setup, rng=exploration_rng(known), recorded=recorded):
+    for state in explore_steps(prober, setup, rng=exploration_rng(agent), recorded=recorded):
         last, probes = state.outcomes[-1], len(state.outcomes) - len(recorded)
         if last.lost or last.joined:
-            wanted, lost = (known.touches if last.lost else 0), last.lost
+            wanted, lost = (agent.decide.touches if last.lost else 0), last.lost
         made = len(state.contacts) >= wanted and not last.doubted
-        if made or probes >= _PROBES_PER_TOUCH * (known.touches if lost else 2 * _MORE_TOUCHES):
+        if made or probes >= _PROBES_PER_TOUCH * (
+            agent.decide.touches if lost else 2 * _MORE_TOUCHES
+        ):
             break
     X_EF = np.eye(4) if last.tracked is None else last.tracked.X_WE
     scenario, found = scenario.after(state.result), state.known
@@ -247,9 +252,9 @@ def touch_more(
     return scenario, found, Lesson(0, touched, probes, distance, lost)
 
 
-def _tactile_check(mesh: trimesh.Trimesh, known: Known, firmness: float) -> AcceptGrasp:
+def _tactile_check(mesh: trimesh.Trimesh, agent: Agent, firmness: float) -> AcceptGrasp:
     """Return a check of measured contacts: a closure of more than a fraction of a firm one."""
-    hand, friction = known.hand, known.load.friction
+    hand, friction = agent.hand, agent.load_prior.friction
     is_jaw = hand.kind == "parallel_jaw"
     least = firmness * (_FIRM_CLOSURE_OF_JAWS if is_jaw else _FIRM_CLOSURE)
 

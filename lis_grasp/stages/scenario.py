@@ -14,9 +14,10 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import DEFAULT_REGION, STEP_FRACTION, Exploration, Region, Workspace
 from lis_grasp.geometry import require_pose
 from lis_grasp.robots.hand import Hand
-from lis_grasp.shapes import NAMES, STABLE, UPRIGHT, Shape, draw_pose, find, placed
-from lis_grasp.stages.agent import Known, station_facts
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.shapes import NAMES, STABLE, UPRIGHT, Shape, default_mass, draw_pose, find, placed
+from lis_grasp.stages.agent import Agent, station_facts
+from lis_grasp.task.task import Task
+from lis_grasp.task.world import World
 from lis_grasp.typing import FloatArray
 
 _PLACE_STREAM = 3  # of random numbers, apart from those of the stages
@@ -28,7 +29,7 @@ class Truth:
 
     Examples
     --------
-    >>> pipeline.Scenario.from_config(RunConfig("box")).truth.mass
+    >>> pipeline.Scenario.from_config(Task.of("box")).truth.mass
     0.2
     """
 
@@ -48,41 +49,41 @@ class Truth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scenario:
-    """Everything that a run derives from its configuration: the true object and what is known.
+    """Everything that a run derives from its task: the true object, and the agent that decides.
 
     Examples
     --------
-    >>> scenario = pipeline.Scenario.from_config(RunConfig("box", hand="wsg50"))
+    >>> scenario = pipeline.Scenario.from_config(Task.of("box", hand="wsg50"))
     >>> scenario.truth.shape.name
     'box'
     """
 
-    config: RunConfig
+    task: Task
     truth: Truth
-    known: Known
+    agent: Agent
 
     @classmethod
     def from_config(
         cls,
-        config: RunConfig,
+        task: Task,
         shape: Shape | None = None,
         hand: Hand | None = None,
         *,
         recorded: Mapping[str, Any] | None = None,
     ) -> Scenario:
-        """Return the scenario of a configuration.
+        """Return the scenario of a task.
 
         Parameters
         ----------
-        config
-            The configuration.
+        task
+            The task.
         shape
             The true object in its own frame O; None for the configured one.
         hand
             The hand; None for the configured one.
         recorded
             Facts of a results file: its poses ``X_WO``, ``X_EO`` and ``X_EA`` of object, moved
-            object and arm replace those that the configuration and its seed give.
+            object and arm replace those that the task and its seed give.
 
         Raises
         ------
@@ -92,20 +93,19 @@ class Scenario:
         InvalidMeshError, InvalidHandError, InvalidArmError, InvalidFileError
             If a file cannot be used.
         """
-        shape = find_object(config) if shape is None else shape
+        world = task.world
+        shape = find_object(world) if shape is None else shape
         poses = {} if recorded is None else recorded
         if recorded is None:
-            shape, X_WO = place_object(shape, config)
+            shape, X_WO = place_object(shape, task)
         else:
             X_WO = _pose("X_WO", poses.get("X_WO"))
             shape = shape if poses.get("X_WO") is None else placed(shape, X_WO)
-        hand = Hand.load(config.hand) if hand is None else hand
-        support = 0.0 if config.pose is not None else support_height(shape)
-        space = _prior_knowledge(shape, config)
-        known = Known.for_hand(config, hand, space, support, poses.get("X_EA"))
+        support_height = 0.0 if world.pose is not None else lowest_point(shape)
+        agent = Agent.of(task, _prior_space(shape, task), support_height, hand, poses.get("X_EA"))
+        mass = default_mass(shape.mesh, world.object) if world.mass is None else world.mass
         X_EO = _pose("X_EO", poses.get("X_EO"))
-        truth = Truth(shape, config.mass_of(shape.mesh), config.friction, X_WO, X_EO)
-        return cls(config, truth, known)
+        return cls(task, Truth(shape, mass, world.friction, X_WO, X_EO), agent)
 
     def after(self, exploration: Exploration) -> Scenario:
         """Return the scenario after an exploration, in the frame of its contacts.
@@ -113,8 +113,8 @@ class Scenario:
         The frame moved with the believed object, and with it the station; touches moved the object.
         """
         beliefs = [o.tracked for o in exploration.outcomes if o.tracked is not None]
-        known = self.known.in_frame(beliefs[-1].X_WE) if beliefs else self.known
-        after = replace(self, known=known)
+        agent = self.agent.in_frame(beliefs[-1].X_WE) if beliefs else self.agent
+        after = replace(self, agent=agent)
         X_EO = exploration.simulated_pose
         return after if X_EO is None else after.moved(X_EO)
 
@@ -127,83 +127,76 @@ class Scenario:
 
         Grasps alone are planned as if the estimate ended there.
         """
-        ends = self.known.unseen_ends(contacts) if len(contacts) else ()
+        ends = self.agent.unseen_ends(contacts) if len(contacts) else ()
         return {"warnings": [f"not found: {', '.join(map(str, ends))}"]} if ends else {}
 
     def facts(self) -> dict[str, Any]:
         """Return the support and the poses of object and arm, as plain values for file headers."""
         moved = not np.array_equal(self.truth.X_EO, np.eye(4))
         return {
-            "support_height": self.known.support,
-            "X_WO": None if self.config.pose is None else self.truth.X_WO.tolist(),
+            "support_height": self.agent.support_height,
+            "X_WO": None if self.task.world.pose is None else self.truth.X_WO.tolist(),
             **({"X_EO": self.truth.X_EO.tolist()} if moved else {}),
-            **station_facts(self.known.station),
+            **station_facts(self.agent.station),
         }
 
 
-def find_object(config: RunConfig) -> Shape:
-    """Return the configured object in its own frame O.
+def find_object(world: World) -> Shape:
+    """Return the object of a world in its own frame O.
 
     Raises `InvalidOptionError` if there is none of that name, or `units` or `up` are given for a
     built-in shape, and `InvalidFileError`, `InvalidMeshError` if its file cannot be used.
     """
-    for name, value, usual in (("units", config.units, "m"), ("up", config.up, "z")):
-        if value not in (None, usual) and config.object in NAMES:
+    for name, value, usual in (("units", world.units, "m"), ("up", world.up, "z")):
+        if value not in (None, usual) and world.object in NAMES:
             raise InvalidOptionError(
-                f"`{name}` is for mesh files; it is {value} for the built-in {config.object}: leave"
+                f"`{name}` is for mesh files; it is {value} for the built-in {world.object}: leave"
                 " it out (the largest extent is `size`)",
                 option=name,
                 value=value,
             )
-    return find(config.object, size=config.size, units=config.units, up=config.up)
+    return find(world.object, size=world.size, units=world.units, up=world.up)
 
 
-def place_object(shape: Shape, config: RunConfig) -> tuple[Shape, FloatArray]:
+def place_object(shape: Shape, task: Task) -> tuple[Shape, FloatArray]:
     """Return an object at its configured pose, and this pose X_WO (4, 4) on the table z = 0.
 
     Without a pose, it stays in its own frame. Raises `InvalidOptionError` if it does not fit into
     its region, or a cloud cannot show where it is.
     """
-    if config.pose is None:
+    pose = task.world.pose
+    if pose is None:
         return shape, np.eye(4)
-    if config.cloud is not None and config.pose in (UPRIGHT, STABLE):
+    if task.known.cloud is not None and pose in (UPRIGHT, STABLE):
         raise InvalidOptionError(
             "a `cloud` needs a known place of the object, and this is drawn at random: give its"
             " `pose` in a file, with the cloud in the frame of the table, or no pose and no region",
             option="cloud",
         )
-    rng = np.random.default_rng([config.seed, _PLACE_STREAM])
-    X_WO = draw_pose(shape, config.pose, config.region or DEFAULT_REGION, rng=rng)
+    rng = np.random.default_rng([task.seed, _PLACE_STREAM])
+    X_WO = draw_pose(shape, pose, task.known.region or DEFAULT_REGION, rng=rng)
     return placed(shape, X_WO), X_WO
 
 
-def support_height(shape: Shape) -> float:
-    """Return the height of the plane under an object in its frame [m]: its lowest point.
-
-    Examples
-    --------
-    >>> pipeline.support_height(shapes.sphere(0.06)) < 0.0
-    True
-    """
+def lowest_point(shape: Shape) -> float:
+    """Return the height of the lowest point of an object in its frame [m]."""
     return float(shape.mesh.bounds[0, 2])
 
 
-def workspace(shape: Shape, *, on_table: bool = False) -> Workspace:
+def known_place(shape: Shape, *, on_table: bool = False) -> Workspace:
     """Return the prior knowledge of an object: centre of its bounding box and largest extent."""
     center = shape.mesh.bounds.mean(axis=0)
-    table = support_height(shape) if on_table else None
-    return Workspace(STEP_FRACTION * shape.size, center, shape.size, table)
+    height = lowest_point(shape) if on_table else None
+    return Workspace(STEP_FRACTION * shape.size, center, shape.size, height)
 
 
-def _prior_knowledge(shape: Shape, config: RunConfig) -> Workspace | Region:
-    """Return what is known before the first touch: the configured region, or else `workspace`.
+def _prior_space(shape: Shape, task: Task) -> Workspace | Region:
+    """Return what is known before the first touch: the region, or else the place of the object.
 
     With a region, nothing of the true object is used.
     """
-    if config.region is not None:
-        return Region(config.region)
-    on_table = config.free or config.pose is not None or config.arm is not None
-    return workspace(shape, on_table=on_table)
+    region = task.known.region
+    return known_place(shape, on_table=task.on_table) if region is None else Region(region)
 
 
 def _pose(name: str, X: Any) -> FloatArray:

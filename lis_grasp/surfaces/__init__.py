@@ -4,7 +4,7 @@ from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import CarvedImplicitSurface, carved
 from lis_grasp.surfaces.contact_loading import load_contacts
 from lis_grasp.surfaces.contact_verdicts import ContactVerdicts, judge_contacts, orient_normals
-from lis_grasp.surfaces.estimators import ESTIMATORS, Estimator, estimate
+from lis_grasp.surfaces.estimators import ESTIMATORS, Estimator
 from lis_grasp.surfaces.gaussian_process_implicit_surface import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.local_implicit_surface import LocalImplicitSurface
@@ -24,7 +24,6 @@ __all__ = [
     "PatchImplicitSurface",
     "SmoothImplicitSurface",
     "carved",
-    "estimate",
     "estimate_normals",
     "judge_contacts",
     "load_contacts",

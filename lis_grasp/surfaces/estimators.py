@@ -1,21 +1,19 @@
-"""Estimators by name, the package's own and plug-ins, and the estimate of contacts by one."""
+"""Estimators by name, the package's own and plug-ins."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError, nearest_or_all, note
-from lis_grasp.io.units import LARGEST
+from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.plugins import Guarded, Registry, errors_of
 from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
-from lis_grasp.surfaces.carved_implicit_surface import above_table, carved, standing_on
 from lis_grasp.surfaces.contact_verdicts import judge_contacts
 from lis_grasp.surfaces.gaussian_process_implicit_surface import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
@@ -36,6 +34,17 @@ ESTIMATORS: Mapping[str, Estimator] = MappingProxyType(
     }
 )
 """Every estimator by its short name, with its default options."""
+
+ESTIMATOR_MEANINGS: Mapping[str, str] = MappingProxyType(
+    {
+        "blend": "smooth patches that meet in edges, or smooth where that predicts as well",
+        "smooth": "Gaussian processes for shapes without edges",
+        "gpis": "a Gaussian process, which rounds edges",
+        "patch": "the patches alone",
+        "lis": "the paper's tangent planes",
+    }
+)
+"""The package's estimators in words."""
 
 ESTIMATOR_NAMES = Registry("estimator", ESTIMATORS)
 """Surface estimators: a class with `from_contacts`, or a function of contacts."""
@@ -71,7 +80,7 @@ class PluggedEstimator:
         noise = {name: options.get(name) for name in ("position_noise", "normal_noise")}
         contacts = judge_contacts(contacts, **noise).credible
         with errors_of(self.name, self.make):
-            surface = self.make(contacts, **_accepted(self.make, options))
+            surface = self.make(contacts, **accepted_options(self.make, options))
         self._require_members(surface)
         plugged: Any = Guarded(self.name, surface)
         self._require_shapes(plugged, contacts)
@@ -99,75 +108,6 @@ class PluggedEstimator:
                     option="estimator",
                     value=self.name,
                 )
-
-
-def estimate(
-    contacts: Contacts,
-    estimator: str | Estimator = "blend",
-    *,
-    free_space: bool = True,
-    margin: float = 0.0,
-    table: float | None = None,
-    keep_all: bool = False,
-    **options: Any,
-) -> ImplicitSurface:
-    """Estimate the surface of an object from contacts.
-
-    Parameters
-    ----------
-    contacts
-        Contacts of one object, in its frame O.
-    estimator
-        "blend", "smooth", "gpis", "lis", "patch", or a plug-in: its name, ``my.module:Class``,
-        or what is called with contacts.
-    free_space
-        Whether the contacts' free space is removed from the estimate.
-    margin
-        Distance by which the balls of free space are smaller [m], for noise of the sensor.
-    table
-        Height of the table on which the object stands [m]; None for none. It closes the estimate
-        from below, and walls that were touched near it go on down to it.
-    keep_all
-        Whether all contacts are believed, those that the others contradict too.
-    options
-        Those of the estimator: keywords of its `from_contacts`, such as ``position_noise`` [m]
-        and ``normal_noise`` [rad].
-
-    Raises
-    ------
-    InvalidOptionError
-        If there is no such estimator, or an option is out of range.
-    EstimationError, InvalidContactsError
-        If no surface can be estimated from the contacts.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> axes = np.vstack([np.eye(3), -np.eye(3)])
-    >>> surface = estimate(Contacts(points=0.03 * axes, normals=axes), "gpis")
-    >>> bool(abs(surface.evaluate([0.0, 0.0, 0.03])) < 1e-6)  # the surface is where this is 0
-    True
-    """
-    if not isinstance(contacts, Contacts):
-        raise TypeError(
-            f"write Contacts(points, normals) or load_contacts(path), not {type(contacts).__name__}"
-        )
-    make = find_estimator(estimator) if isinstance(estimator, str) else estimator
-    for name in sorted(options.keys() - _accepted(make, options).keys()):
-        accepted = {*inspect.signature(make).parameters, *inspect.signature(estimate).parameters}
-        guess = {"method": "estimator", "noise": "position_noise"}.get(name, name)
-        nearest = nearest_or_all(guess, accepted - {"contacts", "options"})
-        raise TypeError(f"estimate with {estimator} has no option '{name}'{nearest}")
-    if contacts.extent > LARGEST:
-        note(f"contacts are in metres, and these are {contacts.extent:.3g} m apart: check the unit")
-    if doubt := few_contacts(contacts):
-        note(doubt)
-    contacts = replace(contacts, judged=True) if keep_all else contacts
-    known = contacts if table is None else standing_on(judge_contacts(contacts).credible, table)
-    surface = make(known, **options)
-    if free_space:
-        surface = carved(surface, contacts, margin=margin)
-    return above_table(surface, table)
 
 
 def few_contacts(contacts: Contacts) -> str:
@@ -204,12 +144,12 @@ def find_estimator(
     return PluggedEstimator(name, make)
 
 
-def _accepted(make: Callable[..., Any], options: dict[str, Any]) -> dict[str, Any]:
+def accepted_options(make: Callable[..., Any], options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options that a function has keywords for."""
     try:
         parameters = inspect.signature(make).parameters
     except (TypeError, ValueError):
-        return options
+        return dict(options)
     if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in parameters.values()):
-        return options
+        return dict(options)
     return {name: value for name, value in options.items() if name in parameters}

@@ -1,4 +1,4 @@
-"""Facts in the headers of files: those of a configuration, the support, and poses."""
+"""Facts in the headers of files: those of a task, the support, and poses."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic import Field, create_model
 
 from lis_grasp.io import provenance
 from lis_grasp.io.schemas import Count, FileRecord, Number, Pose, Vector, checked
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.task.task import PARTS, Task, option_kind, task_options
 
 # Types in files of the types in a configuration.
 _IN_FILES: dict[Any, Any] = {
@@ -18,15 +18,14 @@ _IN_FILES: dict[Any, Any] = {
     float: Number,
     int: Count,
     bool: bool,
-    tuple[float, ...]: Vector,
+    tuple: Vector,
 }
 
 
-def _in_file(hint: Any) -> Any:
-    """Return the type in a file; null is permitted where None is."""
-    kinds = get_args(hint) if type(None) in get_args(hint) else (hint,)
-    kind = next(_IN_FILES[kind] for kind in kinds if kind is not type(None))
-    return kind | None if len(kinds) > 1 else kind
+def _in_file(name: str, hint: Any) -> Any:
+    """Return the type of an option in a file; null is permitted where None is."""
+    kind = _IN_FILES[option_kind(name)]
+    return kind | None if type(None) in get_args(hint) else kind
 
 
 # Only types are checked, and each fact may be absent. Ranges are checked where a fact is used.
@@ -39,9 +38,14 @@ RecordedFacts = create_model(  # type: ignore[call-overload]
     **dict.fromkeys(("turned", "left_out"), (list[Count] | None, None)),
     doubt_log_odds=(list[Number] | None, None),
     **dict.fromkeys(("X_WO", "X_EO", "X_EA", "X_FB"), (Pose | None, None)),
-    **{name: (_in_file(hint), None) for name, hint in get_type_hints(RunConfig).items()},
+    **{
+        name: (_in_file(name, hint), None)
+        for record in (*PARTS.values(), Task)
+        for name, hint in get_type_hints(record).items()
+        if name in task_options()
+    },
 )
-"""Facts by name: those of a configuration, the support, and the poses of object and arm."""
+"""Facts by name: those of a task, the support, and the poses of object and arm."""
 
 
 def read_facts(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:

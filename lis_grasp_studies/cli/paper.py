@@ -54,7 +54,7 @@ def _default_estimators() -> tuple[str, ...]:
 
 def execute(options: argparse.Namespace) -> None:
     """Run the missing trials, draw the figures, write the report."""
-    from lis_grasp.task.run_config import RunConfig
+    from lis_grasp.task.task import option_default
     from lis_grasp_studies.harness.page import write_figures
     from lis_grasp_studies.harness.rows import TrialResults
     from lis_grasp_studies.harness.runner import local_scheduler
@@ -86,7 +86,7 @@ def execute(options: argparse.Namespace) -> None:
         pictures = list(draw_pictures(rows, progress=stage.count))
         stage.result = f"{len(pictures)} figures"
     report = output / "report.html"
-    write_report(report, rows, pictures, command=command, estimator=RunConfig().estimator)
+    write_report(report, rows, pictures, command=command, estimator=option_default("estimator"))
     write_text(output / "trials.csv", rows_as_csv(rows))
     write_figures(options.figures, pictures)
     say(f"wrote {report}, {output / 'trials.csv'}")
@@ -95,14 +95,14 @@ def execute(options: argparse.Namespace) -> None:
 
 def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
     from lis_grasp.surfaces.estimators import find_estimator
-    from lis_grasp.task.run_config import RunConfig
+    from lis_grasp.task.task import option_default
     from lis_grasp_studies.estimators import COMPARED
 
     default = _QUICK_ESTIMATORS if options.quick else _default_estimators()
     names = tuple(options.estimators or default)
     for name in names:
         find_estimator(name, registry=COMPARED, option="--estimators")
-    for needed in ("lis", "gpis", RunConfig().estimator):
+    for needed in ("lis", "gpis", option_default("estimator")):
         if needed not in names:
             raise InvalidOptionError(
                 f"the report compares with '{needed}': add it to --estimators",

@@ -25,7 +25,7 @@ _SETS = ("evaluation", "development")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     from lis_grasp.cli import options as opt
-    from lis_grasp.task.run_config import RunConfig
+    from lis_grasp.task.task import option_default
     from lis_grasp_studies.harness.page import add_figures
     from lis_grasp_studies.harness.program import add_estimator
 
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--estimators",
         nargs="+",
         metavar="NAME",
-        help=f"all estimators to compare (default: {RunConfig().estimator} and"
+        help=f"all estimators to compare (default: {option_default('estimator')} and"
         f" {', '.join(_ESTIMATORS)}); --estimator keeps these and adds one",
     )
     add_estimator(parser)
@@ -123,7 +123,7 @@ def execute(options: argparse.Namespace) -> None:
 
 def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
     from lis_grasp.surfaces.estimators import find_estimator
-    from lis_grasp.task.run_config import RunConfig
+    from lis_grasp.task.task import option_default
     from lis_grasp_studies.contact_study.score import Box
     from lis_grasp_studies.estimators import TUNED
 
@@ -132,7 +132,7 @@ def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
     names = tuple(options.estimators or ())
     if not names:
         rivals = _QUICK if options.quick else _ESTIMATORS
-        names = (RunConfig().estimator, *rivals)
+        names = (option_default("estimator"), *rivals)
     names = (*(name for name in options.estimator or () if name not in names), *names)
     for name in (*names, options.subject or names[0], options.reference):
         find_estimator(name, registry=TUNED, option="--estimators")

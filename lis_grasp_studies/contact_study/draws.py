@@ -9,9 +9,11 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import POLICIES
-from lis_grasp.pipeline import RunConfig, Scenario, touch
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
+from lis_grasp.stages.scenario import Scenario
+from lis_grasp.stages.touch import touch
+from lis_grasp.task.task import Task
 from lis_grasp.typing import BoolArray, IndexArray
 from lis_grasp_studies.contact_study.surface_points import SurfacePoints
 
@@ -89,10 +91,10 @@ def explored_contacts(shape: Shape, hand: Hand, draw: str, count: int, *, seed: 
     hand passed through is left out.
     """
     policy = EXPLORATIONS[draw]
-    config = RunConfig(
-        prober="kinematic", policy=policy, estimator="gpis", touches=count, seed=seed
+    task = Task.of(
+        known=True, prober="kinematic", policy=policy, estimator="gpis", touches=count, seed=seed
     )
-    found = touch(Scenario.from_config(config, shape, hand)).contacts
+    found = touch(Scenario.from_config(task, shape, hand)).contacts
     return Contacts(found.points, found.normals)
 
 

@@ -19,7 +19,7 @@ from lis_grasp.exploration.loop import end
 from lis_grasp.io.json_lines import Row
 from lis_grasp.stages.scenario import place_object
 from lis_grasp.stages.touch import exploration_setup
-from lis_grasp.task.conditions import UNKNOWN
+from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.study.trial import Setup, find_object
@@ -46,8 +46,7 @@ def measure_exploration(trial: ExplorationTrial, policy: str) -> list[Row]:
     """Return a row for each number of touches of one exploration."""
     counts = [int(word) for word in trial.touches.split()]
     entropy = [trial.seed, *trial.object.encode()]
-    config = pipeline.RunConfig(
-        **{**UNKNOWN, "free": False},
+    task = Task.of(
         hand=HAND,
         prober="kinematic",
         policy=policy.removesuffix(SLIDES),
@@ -55,15 +54,13 @@ def measure_exploration(trial: ExplorationTrial, policy: str) -> list[Row]:
         touches=max(counts),
         seed=int(np.random.SeedSequence(entropy).generate_state(1)[0]),
     )
-    shape, _ = place_object(find_object(trial.object, Setup()), config)
-    scenario = pipeline.Scenario.from_config(
-        config, shape, Hand.load(HAND), recorded={"X_EO": None}
-    )
+    shape, _ = place_object(find_object(trial.object, Setup()), task)
+    scenario = pipeline.Scenario.from_config(task, shape, Hand.load(HAND), recorded={"X_EO": None})
     outcomes, rows = pipeline.touch(scenario).outcomes, []
     for count in counts:
-        setup = replace(exploration_setup(scenario.known), touches=count)
+        setup = replace(exploration_setup(scenario.agent), touches=count)
         part = end(setup, begin(setup, outcomes), "").result
-        _, mesh = pipeline.estimate(scenario.known, part.contacts)
+        _, mesh = pipeline.estimate(scenario.agent, part.contacts)
         error, ends = surface_error(mesh, shape, samples=2000), end_errors(mesh, shape.mesh)
         coverage = reachable_coverage(
             shape.mesh,

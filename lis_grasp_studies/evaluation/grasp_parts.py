@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from lis_grasp.io.json_lines import Row
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.task.task import option_default
 from lis_grasp_studies.evaluation.grasp_tables import (
     REFERENCE,
     SUBJECT,
@@ -44,7 +44,7 @@ from lis_grasp_studies.study.tables import calibration_table, reasons_table, sum
 from lis_grasp_studies.study.trial import Setup, Trial, columns_of
 
 # Objects are touched as a run does by default.
-_UNKNOWN = Setup(prober="dynamic", conditions="unknown", policy=RunConfig().policy)
+_UNKNOWN = Setup(prober="dynamic", conditions="unknown", policy=option_default("policy"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ def measure_grasps(task: GraspTrial, estimator: str) -> list[Row]:
         touches, _, attempts = budget.partition("x")
         setup = task.trial.setup
         if attempts:
-            setup = replace(setup, attempts=int(attempts), closings=RunConfig().closings)
+            setup = replace(setup, attempts=int(attempts), closings=option_default("closings"))
         rows += rows_of(Job(replace(task.trial, touches=int(touches), setup=setup), (estimator,)))
     return rows
 

@@ -12,7 +12,7 @@ import numpy as np
 from lis_grasp import Hand
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.io.json_lines import Row
-from lis_grasp.task.run_config import SIMULATORS
+from lis_grasp.task.world import SIMULATORS
 from lis_grasp_studies.figures.palette import estimator_label
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.tables import Column, Table, columns_by, grouped_table, split, where

@@ -86,7 +86,7 @@ def _repeat(row: Row, files: Sequence[str]) -> dict[str, Any] | None:
         "grasps": grasps,
         "hand": hand,
         "motion": None if outcome is None else outcome.motion,
-        "support_height": scenario_at(trial.run_config(), shape, hand).known.support,
+        "support_height": scenario_at(trial.run_config(), shape, hand).agent.support_height,
     }
 
 

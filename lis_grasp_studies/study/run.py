@@ -19,16 +19,15 @@ from lis_grasp.exceptions import EstimationError
 from lis_grasp.exploration import STEP_FRACTION, ProbeOutcome
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io.json_lines import Row
-from lis_grasp.meshing import extract_mesh
+from lis_grasp.results.progress import Stopwatch
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, placed
-from lis_grasp.stages.agent import Perception
+from lis_grasp.stages.estimate import Perception, SurfaceEstimate
+from lis_grasp.stages.plan import plan_grasps
 from lis_grasp.stages.regrasp import Stages, grasp_with_tactile_check
 from lis_grasp.stages.scenario import Scenario
-from lis_grasp.stages.touch import Stopwatch
-from lis_grasp.surfaces import estimate as estimate_surface
 from lis_grasp.surfaces.estimators import find_estimator
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.estimators import COMPARED
 from lis_grasp_studies.harness.rows import Job
@@ -71,22 +70,21 @@ def estimate(trial: Trial, estimator: str, contacts: Contacts) -> trimesh.Trimes
     Of contacts alone, if the object is known; else they are judged, the free space is removed, and
     the object stands on the table, for all estimators.
     """
-    config = _with_noise(trial)
-    known = Perception.from_config(config, None)
-    surface = estimate_surface(
-        known.judge(contacts).credible if config.free else contacts,
-        find_estimator(estimator, registry=COMPARED),
-        free_space=config.free,
-        margin=known.sensor.free_margin,
-        table=known.table if config.free else None,
-        **parse_noise(trial.noise).options(),
+    task = _with_noise(trial)
+    is_free = task.world.is_free
+    known = Perception(
+        estimator=find_estimator(estimator, registry=COMPARED),
+        sensor=task.robot.sensor,
+        free_space=is_free,
+        support_height=0.0 if is_free else None,
+        options=parse_noise(trial.noise).options(),
     )
-    return extract_mesh(surface, touched=contacts.points)
+    return SurfaceEstimate(contacts, known).mesh
 
 
 def plan(trial: Trial, mesh: trimesh.Trimesh, shape: Shape, hand: Hand) -> GraspSearch:
     """Plan the grasps of a trial on a mesh."""
-    return pipeline.plan(scenario_at(trial.run_config(), shape, hand).known, mesh)
+    return plan_grasps(scenario_at(trial.run_config(), shape, hand).agent, mesh)
 
 
 def lift(
@@ -103,11 +101,9 @@ def lift(
     return pipeline.lift(scenario_at(config, shape, hand, X_EO), grasp)
 
 
-def scenario_at(
-    config: RunConfig, shape: Shape, hand: Hand, X_EO: FloatArray | None = None
-) -> Scenario:
+def scenario_at(task: Task, shape: Shape, hand: Hand, X_EO: FloatArray | None = None) -> Scenario:
     """Return the scenario of a shape that is placed already, and was moved to a pose (4, 4)."""
-    return Scenario.from_config(config, shape, hand, recorded={"X_EO": X_EO})
+    return Scenario.from_config(task, shape, hand, recorded={"X_EO": X_EO})
 
 
 def rows_of(job: Job) -> Iterator[Row]:
@@ -265,7 +261,7 @@ def touch(trial: Trial, explorer: str) -> Touched:
     return touched
 
 
-def _with_noise(trial: Trial, **more: Any) -> RunConfig:
+def _with_noise(trial: Trial, **more: Any) -> Task:
     """Return the configuration of a trial's run, with the noise of its sensor."""
     noise = parse_noise(trial.noise)
     return trial.run_config(position_noise=noise.position, normal_noise=noise.normal, **more)

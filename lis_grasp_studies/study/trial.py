@@ -24,8 +24,8 @@ from lis_grasp.shapes import NAMES, UNITS, Shape, find
 from lis_grasp.stages.scenario import place_object
 from lis_grasp.surfaces import ESTIMATORS
 from lis_grasp.surfaces.estimators import find_estimator
-from lis_grasp.task.conditions import CONDITIONS
-from lis_grasp.task.run_config import PROBERS, RunConfig
+from lis_grasp.task.task import Task
+from lis_grasp.task.world import PROBERS
 from lis_grasp_studies.estimators import COMPARED, Noise
 from lis_grasp_studies.test_objects.shape_sets import TEST_OBJECTS, graspable_shape
 
@@ -35,6 +35,7 @@ TRUTH = "truth"
 OBJECT_NAMES = (*NAMES, *TEST_OBJECTS)
 """Objects that a study knows by name: built-in shapes and test objects; others are mesh files."""
 
+_CONDITIONS = ("known", "unknown")
 DEFAULT_CONDITIONS = "known"
 """The conditions of all studies before version 0.11."""
 
@@ -90,12 +91,12 @@ class Setup:
     """
 
     prober: StrictStr = _one_of(PROBERS, "kinematic")
-    """Prober, "kinematic" or "dynamic", see `RunConfig`."""
+    """Prober, "kinematic" or "dynamic", see `World`."""
     explorer: StrictStr = _known([*ESTIMATORS, OWN], "blend")
     """Estimator that drives the exploration, whose contacts all estimators get; "own": each
     estimator drives its own, and contacts differ."""
     policy: StrictStr = _known(list(POLICIES), "spread")
-    """Chooses the next touch, see `RunConfig`; "spread" uses no explorer."""
+    """Chooses the next touch, see `Decide`; "spread" uses no explorer."""
     size: StrictFloat | None = None
     """Largest extent of objects known by name [m]; None for one that a hand can grasp."""
     units: StrictStr = _one_of(list(UNITS), "m")
@@ -111,7 +112,7 @@ class Setup:
     (`grasp_with_tactile_check`)."""
     closings: StrictInt = 0
     """Grasps to test at most before each lift, by closing gently; 0: the first is lifted."""
-    conditions: StrictStr = _one_of(tuple(CONDITIONS), DEFAULT_CONDITIONS)
+    conditions: StrictStr = _one_of(_CONDITIONS, DEFAULT_CONDITIONS)
     """"known": place, size, mass and friction are known, and the object is fixed while it is
     touched. "unknown": it is free in a region of a table, in a stable pose; the sensor has a
     threshold and taxels; this needs the dynamic prober."""
@@ -120,7 +121,7 @@ class Setup:
         if self.explorer != OWN:
             find_estimator(self.explorer, option="explorer")
         require_one_of("units", self.units, tuple(UNITS))
-        require_one_of("conditions", self.conditions, tuple(CONDITIONS))
+        require_one_of("conditions", self.conditions, _CONDITIONS)
         self.run_config()
         kind = POLICY_NAMES.find(self.policy)
         if self.explorer == OWN and getattr(kind, "uses_gaussian_process", False):
@@ -131,11 +132,12 @@ class Setup:
                 value=self.policy,
             )
 
-    def run_config(self, **more: Any) -> RunConfig:
-        """Return the configuration of a run with these settings and `more` of `RunConfig`."""
+    def run_config(self, **more: Any) -> Task:
+        """Return the task of a run with these settings and `more` options of `Task.of`."""
+        is_known = self.conditions == "known"
         names = ("prober", "policy", "mass", "friction", "grasps", "attempts", "closings")
         facts = {name: getattr(self, name) for name in names}
-        return RunConfig(**{**CONDITIONS[self.conditions], **facts, **more})
+        return Task.of(**{"known": is_known, "free": not is_known, **facts, **more})
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,8 +168,8 @@ class Trial:
         shape, _ = place_object(find_object(self.object, self.setup), self.run_config())
         return shape
 
-    def run_config(self, **more: Any) -> RunConfig:
-        """Return the configuration of a run of this trial, with `more` of `RunConfig`.
+    def run_config(self, **more: Any) -> Task:
+        """Return the task of a run of this trial, with `more` options of `Task.of`.
 
         The trial's noise is not part of it, nor are the touches.
         """

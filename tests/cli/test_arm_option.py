@@ -10,7 +10,7 @@ from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io import provenance
 from lis_grasp.motion import Motion, arm_body
-from lis_grasp.task.run_config import RunConfig
+from lis_grasp.pipeline.names_of_2 import RunConfig
 
 
 @pytest.mark.slow

@@ -481,7 +481,7 @@ def test_an_object_that_fails_does_not_end_the_others(
     done = []
 
     def run(config: RunConfig, folder: Path, *, fresh: bool) -> None:
-        if config.object == "torus":
+        if config.world.object == "torus":
             raise EstimationError("no contact was made")
         done.append(folder)
 

@@ -10,7 +10,9 @@ import pytest
 from lis_grasp.cli.main import build_parser
 from lis_grasp.cli.options import configure_touch
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.task.conditions import IDEAL_SENSOR, KNOWN, REAL_SENSOR, UNKNOWN
+from lis_grasp.pipeline.names_of_2 import UNKNOWN
+from lis_grasp.task.robot import REAL_SENSOR
+from lis_grasp.task.task import IDEAL_SENSOR, KNOWN
 
 
 def facts(*arguments: str, verb: str = "run") -> dict[str, Any]:

@@ -31,8 +31,8 @@ from lis_grasp.exploration import ExplorationSetup, TactileSensor, Workspace, be
 from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
 from lis_grasp.simulation import DynamicProber
 from lis_grasp.simulation.drake.hand_plant import PROBING_SKIN
-from lis_grasp.stages.touch import make_estimator, make_policy
-from lis_grasp.surfaces import estimate
+from lis_grasp.stages.estimate import Perception, estimate
+from lis_grasp.stages.touch import make_policy
 
 BOX = trimesh.creation.box([0.06, 0.08, 0.12])
 TOUCHES = 5
@@ -63,7 +63,7 @@ def test_each_touch_is_the_next_probe_of_the_exploration_and_that_of_the_prober(
     assert exploration.ended == f"{TOUCHES} contacts made"
     setup = ExplorationSetup(
         make_policy("spread", own.space, sensor),
-        make_estimator("blend", sensor),
+        Perception(sensor=sensor).make,
         TOUCHES,
         space=own.space,
         sensor=sensor,

@@ -33,7 +33,7 @@ from lis_grasp.exploration.targets import Targets
 from lis_grasp.geometry import hull_crossing
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
-from lis_grasp.stages.scenario import workspace
+from lis_grasp.stages.scenario import known_place as workspace
 from lis_grasp.stages.touch import make_policy
 from lis_grasp.surfaces import ESTIMATORS
 

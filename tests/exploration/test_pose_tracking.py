@@ -33,7 +33,7 @@ from lis_grasp.exploration.policy import farthest
 from lis_grasp.geometry import apply_inverse
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp.stages.scenario import workspace
+from lis_grasp.stages.scenario import known_place as workspace
 from lis_grasp.surfaces import ESTIMATORS
 
 ALONG_X = Push(np.array([1.0, 0.0, 0.0]), np.diag([1.0, 1.0, 400.0]))

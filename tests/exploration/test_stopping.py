@@ -149,7 +149,7 @@ def test_a_resumed_exploration_ends_at_the_same_prediction(lost_at: int | None) 
 def test_an_estimate_that_cannot_be_meshed_allows_no_grasp() -> None:
     nothing = Analytic(lambda p: np.ones(p.shape[:-1]), cube_bounds(0.06))  # has no inside
     scenario = Scenario.from_config(RunConfig(until_success=0.5), BOX, HAND)
-    (rule,) = stop_rules(scenario.known)
+    (rule,) = stop_rules(scenario.agent)
     contacts = cap(0.5, 12)
     for _ in range(2):
         rule = rule.noted(contacts, nothing)

@@ -13,9 +13,10 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, TooManyBadContactsError
 from lis_grasp.pipeline import ContactSource, RunConfig, Scenario, estimate_file, grasp_file
 from lis_grasp.results.page import scene_of
+from lis_grasp.stages.estimate import estimate
 from lis_grasp.stages.next_touch import ObjectPlace
 from lis_grasp.stages.touch import exploration_setup
-from lis_grasp.surfaces import estimate, judge_contacts
+from lis_grasp.surfaces import judge_contacts
 from lis_grasp.task.recorded_facts import read_facts
 
 BOX = trimesh.creation.box(extents=[0.06, 0.05, 0.04])
@@ -52,7 +53,7 @@ def test_an_estimate_names_bad_contacts_and_grasps_repeat_it(touches: Path) -> N
     for line in (warning, table):
         assert any(line in said for said in again.lines)
     lowest = made.contacts.bounds[0, 2]  # the table that `next` takes, too
-    assert grasped.known.support == ObjectPlace().table(made.contacts) == lowest
+    assert grasped.agent.support_height == ObjectPlace().table(made.contacts) == lowest
     given = Told()
     grasp_file(made.path, hand="wsg50", grasps=1, support=lowest - 0.001, progress=given)
     assert not any(table in said for said in given.lines)
@@ -61,10 +62,10 @@ def test_an_estimate_names_bad_contacts_and_grasps_repeat_it(touches: Path) -> N
 def test_contacts_are_judged_once_for_strays_and_estimate(
     touches: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    known = Scenario.from_config(RunConfig("box", hand="wsg50")).known
+    known = Scenario.from_config(RunConfig("box", hand="wsg50")).agent
     judged: list[Contacts] = []
     monkeypatch.setattr(
-        "lis_grasp.stages.agent.judge_contacts",
+        "lis_grasp.stages.estimate.judge_contacts",
         lambda contacts, **noise: judged.append(contacts) or judge_contacts(contacts, **noise),
     )
     setup, contacts = exploration_setup(known), Contacts.load(touches)

@@ -18,7 +18,7 @@ from lis_grasp.io.surface_files import load_surface
 from lis_grasp.pipeline import ContactSource, RunConfig, Scenario
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.stages.contact_sources import join_sources, load_source
-from lis_grasp.stages.touch import make_estimator
+from lis_grasp.stages.estimate import Perception
 from lis_grasp.task.recorded_facts import read_facts
 
 NOISE, TILT = 0.001, 0.05
@@ -48,7 +48,7 @@ def test_a_cloud_in_millimetres_is_refused_with_the_command_that_scales_it(tmp_p
     Contacts(1e3 * cloud.points, cloud.normals).save(tmp_path / "cloud.csv")
     config = RunConfig("box", cloud=str(tmp_path / "cloud.csv"))
     with pytest.raises(InvalidContactsError, match=r"mm \(then .* in lis-grasp estimate.*`cloud`"):
-        _ = Scenario.from_config(config).known.cloud_contacts
+        _ = Scenario.from_config(config).agent.cloud_contacts
 
 
 def test_each_file_keeps_its_noise_or_gets_its_own(tmp_path: Path) -> None:
@@ -87,9 +87,9 @@ def test_one_kind_of_noise_leaves_the_other_to_be_estimated(tmp_path: Path) -> N
     np.testing.assert_array_equal(exact.position_noise, 0.0)
     assert exact.normal_noise == pytest.approx(TILT, rel=0.5)
     sensor = TactileSensor(position_noise=0.001)
-    surface = make_estimator("blend", sensor)(Contacts.load(path))
+    surface = Perception(sensor=sensor).make(Contacts.load(path))
     both = TactileSensor(position_noise=0.001, normal_noise=TILT)
-    known = make_estimator("blend", both)(Contacts.load(path))
+    known = Perception(sensor=both).make(Contacts.load(path))
     points = 1.02 * Contacts.load(path).points
     apart = surface.evaluate(points) - known.evaluate(points)
     assert np.sqrt(np.mean(apart**2)) < 0.001
@@ -182,7 +182,7 @@ def test_a_cloud_of_an_object_at_a_random_place_is_refused(
     assert not (output / "touches.jsonl").exists()
     np.savetxt(tmp_path / "pose.txt", np.eye(4))  # its place is known
     config = RunConfig("box", cloud=str(upper_half), pose=str(tmp_path / "pose.txt"))
-    assert Scenario.from_config(config).known.cloud == str(upper_half)
+    assert Scenario.from_config(config).agent.known.cloud == str(upper_half)
 
 
 def test_a_missing_cloud_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:

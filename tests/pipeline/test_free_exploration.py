@@ -10,10 +10,10 @@ from lis_grasp import pipeline
 from lis_grasp.contacts import HALF_SPACE
 from lis_grasp.exploration import Exploration, Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.pipeline.names_of_2 import UNKNOWN
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.results.exploring import explore_into
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
-from lis_grasp.task.conditions import UNKNOWN
 
 # A ball of 50 g that rolls at every touch.
 CONFIG = pipeline.RunConfig(object="sphere", free=True, mass=0.05, friction=0.5, touches=6)

@@ -16,6 +16,7 @@ from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import Exploration, Region, Workspace
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.io import provenance
+from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.next_touch import ObjectPlace, next_touch
 
 
@@ -26,7 +27,7 @@ def explored() -> Exploration:
 
 
 def known(hand: Hand, space: Workspace | Region) -> pipeline.Known:
-    return pipeline.Known.for_hand(pipeline.RunConfig(), hand, space, 0.0)
+    return Agent.of(pipeline.RunConfig(), space, 0.0, hand)
 
 
 @pytest.mark.parametrize("name", ["allegro", "wsg50"])
@@ -52,7 +53,7 @@ def test_the_next_touch_is_that_of_the_exploration(policy: str) -> None:
     scenario = pipeline.Scenario.from_config(config)
     outcomes, sought = pipeline.touch(scenario).outcomes, []
     for made in range(len(outcomes)):
-        touch = next_touch(scenario.known, Contacts.empty(), outcomes[:made])
+        touch = next_touch(scenario.agent, Contacts.empty(), outcomes[:made])
         following = outcomes[made + touch.blocked]
         assert all(o.status == "blocked" for o in outcomes[made : made + touch.blocked])
         for name in ("target", "direction", "start", "end"):
@@ -89,7 +90,7 @@ def test_without_contacts_the_size_is_needed() -> None:
     for seed in range(5):  # on a table, the first touch is above it
         standing = ObjectPlace(size=0.1, support=0.3).space(Contacts.empty())
         config = pipeline.RunConfig(seed=seed)
-        first = pipeline.Known.for_hand(config, Hand.load("allegro"), standing, 0.0)
+        first = Agent.of(config, standing, 0.0, Hand.load("allegro"))
         probe = next_touch(first, Contacts.empty()).probe
         assert min(probe.start[2], probe.target[2]) > 0.3
 
@@ -217,7 +218,7 @@ def test_the_hand_keeps_off_obstacles_on_its_approach_and_motion(
     for seed in range(6):
         for obstacles in (None, str(tmp_path / "wall.stl")):
             config = pipeline.RunConfig(policy="random", seed=seed, obstacles=obstacles)
-            found = next_touch(pipeline.Known.for_hand(config, hand, space, 0.0), contacts)
+            found = next_touch(Agent.of(config, space, 0.0, hand), contacts)
             end, path = np.array(found.approach.X_OH), [found.approach.X_OH_outside]
             end[:3, 3] += found.probe.end - found.probe.start
             lowest = np.inf

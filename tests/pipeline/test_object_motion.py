@@ -10,9 +10,9 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Exploration, Probe, ProbeOutcome, begin
 from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.pipeline import RunConfig, Scenario
+from lis_grasp.pipeline.names_of_2 import UNKNOWN
 from lis_grasp.results.report import motion_facts, motion_line
 from lis_grasp.stages.touch import exploration_setup, make_prober, make_tracker, touch_steps
-from lis_grasp.task.conditions import UNKNOWN
 
 BOX = shapes.build("box", 0.06)
 SCENARIO = Scenario.from_config(RunConfig(), BOX)
@@ -77,5 +77,5 @@ def test_an_object_that_was_knocked_away_is_found_on_its_map() -> None:
     facts = motion_facts(scenario.truth.shape, state.result)
     assert max(facts["tracking_error"], facts["contact_error"]) < 5e-3  # of 50 mm and 70 degrees
     # What is read from the log is the same state.
-    setup = replace(exploration_setup(scenario.known), tracker=make_tracker(scenario, prober))
+    setup = replace(exploration_setup(scenario.agent), tracker=make_tracker(scenario, prober))
     np.testing.assert_array_equal(begin(setup, outcomes).contacts.points, state.contacts.points)

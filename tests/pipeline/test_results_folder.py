@@ -18,9 +18,9 @@ from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.exploration import TouchLog, load_outcomes
 from lis_grasp.io import provenance
 from lis_grasp.pipeline import RunConfig
+from lis_grasp.pipeline.names_of_2 import UNKNOWN
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.results.folder import LOG, default_output, remove_made_from, scene_is_outdated
-from lis_grasp.task.conditions import UNKNOWN
 from lis_grasp.task.recorded_facts import read_facts
 
 EXPLORE = ["explore", "box", "--known", "--prober", "kinematic", "--hand", "wsg50"]

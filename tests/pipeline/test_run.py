@@ -11,8 +11,8 @@ from lis_grasp.exceptions import EstimationError, InvalidFileError
 from lis_grasp.exploration import ExplorationState
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline import Run, RunConfig
+from lis_grasp.pipeline.names_of_2 import UNKNOWN
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp.task.conditions import UNKNOWN
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def test_contacts_estimate_and_true_object_are_in_one_frame(
 def test_results_read_back_are_those_of_the_run(results: tuple[Run, list[str]]) -> None:
     run, _ = results
     again = Run.load(str(run.folder))
-    assert again.config == run.config
+    assert again.task == run.task
     assert again.report == run.report
     assert again.lift == run.report["lift"]
     assert_array_equal(again.contacts.points, run.contacts.points)

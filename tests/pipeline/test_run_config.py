@@ -12,7 +12,9 @@ from lis_grasp import Hand, RunConfig, explore, pipeline, shapes
 from lis_grasp.exceptions import InvalidHandError, InvalidInputError, InvalidOptionError
 from lis_grasp.io.option import options_of
 from lis_grasp.stages import regrasp
-from lis_grasp.stages.scenario import workspace
+from lis_grasp.stages.agent import Agent
+from lis_grasp.stages.scenario import known_place
+from lis_grasp.task.task import PARTS, Task, task_options
 
 
 @pytest.mark.parametrize(
@@ -22,8 +24,8 @@ from lis_grasp.stages.scenario import workspace
         "touches": (2.5, 0, True, "40", None),
         "seed": (-1, 0.0),
         "attempts": (0, -1),
-        "object": ("", 3, None),
-        "free": (1, "yes", None),
+        "object": ("", 3),
+        "free": (1, "yes"),
         "until_success": (0.0, 1.0),
         "until_coverage": (0.0, 1.1),
         "until_uncertainty": (0.0, -1.0, np.inf),
@@ -73,20 +75,16 @@ def test_numbers_of_numpy_are_kept_as_plain_ones() -> None:
     assert (type(config.touches), type(config.friction)) == (int, float)
 
 
-def test_every_decision_of_the_robot_is_an_option() -> None:
-    """What `Known` repeats of a configuration has the configured value."""
-    given: dict[str, Any] = {
-        "policy": "spread",
-        "touches": 7,
-        "grasps": 2,
-        "seed": 5,
-        "attempts": 1,
-    }
-    given |= {"until_coverage": 0.9, "max_seconds": 60.0, "free_space": False, "estimator": "gpis"}
-    hand, space = Hand.load("wsg50"), workspace(shapes.find("box"))
-    known = pipeline.Known.for_hand(RunConfig(**given), hand, space, 0.0)
-    for name in set(options_of(RunConfig)) & set(vars(known)) - {"hand", "load"}:
-        assert getattr(known, name) == getattr(RunConfig(**given), name), name
+def test_no_option_is_a_field_of_two_records() -> None:
+    names = [name for record in (*PARTS.values(), Task) for name in options_of(record)]
+    assert len(names) == len(set(names)) == len(task_options())
+
+
+def test_an_agent_decides_as_its_task_says() -> None:
+    task = Task.of(policy="spread", touches=7, until_coverage=0.9, seed=5, prober="kinematic")
+    agent = Agent.of(task, known_place(shapes.find("box")), 0.0, Hand.load("wsg50"))
+    assert (agent.decide, agent.robot, agent.known) == (task.decide, task.robot, task.known)
+    assert agent.seed == 5
 
 
 @pytest.mark.parametrize(
@@ -115,4 +113,4 @@ def test_numbers_of_a_stage_on_files_are_checked(tmp_path: Path) -> None:
 
 
 def test_the_help_of_grasps_says_how_many_follow_a_failure() -> None:
-    assert f", {regrasp._MORE_GRASPS} after one failed" in options_of(RunConfig)["grasps"].help
+    assert f", {regrasp._MORE_GRASPS} after one failed" in task_options()["grasps"].help

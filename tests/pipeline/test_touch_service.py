@@ -15,8 +15,9 @@ from lis_grasp import Contacts, Hand, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidInputError, LisGraspError
 from lis_grasp.exploration import TouchLog, load_outcomes
-from lis_grasp.pipeline import Known, RunConfig
+from lis_grasp.pipeline import RunConfig
 from lis_grasp.service.touch_service import TouchService
+from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.next_touch import ObjectPlace, next_touch
 
 BOX = shapes.build("box", 0.12).mesh
@@ -51,7 +52,7 @@ def test_each_touch_is_that_of_the_command_with_the_log(tmp_path: Path) -> None:
         outcomes = load_outcomes(tmp_path / "touches.jsonl")
         space = PLACE.space(Contacts.empty())
         config = RunConfig(estimator="gpis", policy="spread")
-        known = Known.for_hand(config, hand, space, 0.0)
+        known = Agent.of(config, space, 0.0, hand)
         alone = next_touch(known, Contacts.empty(), outcomes).facts(hand)
         assert {name: touch[name] for name in alone} == alone
         assert service.answer({"request": "next"}) == touch  # asked again, it is the same

@@ -17,11 +17,12 @@ from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import Exploration
 from lis_grasp.io import provenance
 from lis_grasp.pipeline import RunConfig, Scenario, estimate, run, touch
+from lis_grasp.pipeline.names_of_2 import UNKNOWN
 from lis_grasp.results.report import exploration_facts
 from lis_grasp.results.summary import exploration_lines
 from lis_grasp.shapes import Shape, placed
 from lis_grasp.stages.touch import make_prober
-from lis_grasp.task.conditions import IDEAL_SENSOR, UNKNOWN
+from lis_grasp.task.task import IDEAL_SENSOR
 
 CONFIG = RunConfig(
     **{**UNKNOWN, "free": False}, object="cylinder", prober="kinematic", touches=8, seed=2
@@ -39,10 +40,10 @@ def honest() -> Exploration:
 
 
 def test_a_region_is_the_only_prior_knowledge() -> None:
-    known = vars(scenario().known) | {"hand": None}
+    known = vars(scenario().agent) | {"hand": None}
     for name in ("box", "torus"):
         other = Scenario.from_config(CONFIG, shapes.build(name))
-        assert vars(other.known) | {"hand": None} == known
+        assert vars(other.agent) | {"hand": None} == known
 
 
 @pytest.mark.slow
@@ -75,7 +76,7 @@ def test_the_hand_stays_above_the_table() -> None:
 
 @pytest.mark.slow
 def test_the_estimate_is_closed_at_the_table() -> None:
-    _, mesh = estimate(scenario().known, honest().contacts)
+    _, mesh = estimate(scenario().agent, honest().contacts)
     assert mesh.is_watertight
     assert mesh.bounds[0, 2] > -0.001
 

@@ -7,12 +7,12 @@ import trimesh
 from lis_grasp import shapes
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Probe
+from lis_grasp.pipeline.names_of_2 import RunConfig
 from lis_grasp.probing.course import Course
 from lis_grasp.probing.guarded_motion import GuardedMotion
 from lis_grasp.probing.kinematic_prober import FingerExtender, KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp.task.run_config import RunConfig
 
 DOWN = Probe([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 0.03, 0.02)
 

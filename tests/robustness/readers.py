@@ -44,6 +44,7 @@ from lis_grasp.logs import (
     open_log,
 )
 from lis_grasp.motion import Motion
+from lis_grasp.pipeline.names_of_2 import RunConfig
 from lis_grasp.results.page import scene_of
 from lis_grasp.results.run_results import Run
 from lis_grasp.robots._build_model import build_model
@@ -59,7 +60,6 @@ from lis_grasp.shapes.loading import load_obstacles
 from lis_grasp.shapes.placement import draw_pose
 from lis_grasp.stages.next_touch import ObjectPlace
 from lis_grasp.surfaces import load_contacts
-from lis_grasp.task.run_config import RunConfig
 from lis_grasp_studies.contact_study.score import SURFACES
 from lis_grasp_studies.evaluation.configuration import SHIPPED, Configuration
 from lis_grasp_studies.evaluation.results import EvaluationResults

@@ -8,13 +8,13 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Probe, Workspace
 from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.pipeline.names_of_2 import RunConfig
 from lis_grasp.probing.guarded_motion import AT_TABLE
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import build
 from lis_grasp.simulation.drake import _probing_scene, dynamic_prober
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
 from lis_grasp.simulation.drake.object_plant import FreeObject
-from lis_grasp.task.run_config import RunConfig
 
 FROM_THE_SIDE = Probe([-0.03, 0.0, 0.0], [1.0, 0.0, 0.0], 0.02, 0.02)
 

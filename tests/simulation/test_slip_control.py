@@ -22,7 +22,7 @@ SUPPORT = float(BOX.mesh.bounds[0, 2])
 
 @cache
 def _grasp() -> Grasp:
-    known = scenes.scenario(BOX, JAW, grasps=3).known
+    known = scenes.scenario(BOX, JAW, grasps=3).agent
     return pipeline.plan(known, BOX.mesh).grasps[0]
 
 
@@ -80,7 +80,7 @@ def test_a_known_load_needs_no_reaction() -> None:
 @pytest.mark.slow
 def test_fingers_carry_the_weight_and_do_not_sag() -> None:
     hand, mass = Hand.load("allegro"), 0.5
-    search = pipeline.plan(scenes.scenario(BOX, hand, mass=mass, grasps=3).known, BOX.mesh)
+    search = pipeline.plan(scenes.scenario(BOX, hand, mass=mass, grasps=3).agent, BOX.mesh)
     outcome = simulate_lift(LiftSetup(BOX.mesh, hand, search.grasps[0], SUPPORT, mass))
     assert outcome.held
     # The springs of the fingers alone would yield by about 10 mm.

@@ -29,8 +29,9 @@ from lis_grasp.meshing import extract_mesh
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
+from lis_grasp.stages.estimate import estimate
 from lis_grasp.stages.touch import make_policy
-from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface, carved, estimate, judge_contacts
+from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface, carved, judge_contacts
 from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space, standing_on
 from lis_grasp.typing import FloatArray
 

@@ -93,7 +93,7 @@ def test_a_growing_exploration_shows_its_arm_where_the_object_moved(
     monkeypatch.setattr(run_scene, "read_touches", lambda path: (header, outcomes))
     scene = run_scene.scene_of(tmp_path)
     assert [count for count, _ in scene.growth] == [3, 4]
-    base = scenario.known.station.X_WA[:3, 3] - [0.02, -0.01, 0.0]
+    base = scenario.agent.station.X_WA[:3, 3] - [0.02, -0.01, 0.0]
     assert_allclose(scene.station.X_WA[:3, 3], base, atol=1e-12)
 
 

@@ -1,0 +1,225 @@
+"""Estimate stage: the surface of an object from contacts, composed once for every caller.
+
+    contacts -> judged -> standing on the table -> estimator -> less free space -> above the table
+
+`SurfaceEstimate` has each of these parts, made at its first use.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Any
+
+import trimesh
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import TooManyBadContactsError, nearest_or_all, note
+from lis_grasp.exploration import TactileSensor
+from lis_grasp.io.units import LARGEST
+from lis_grasp.meshing import extract_mesh
+from lis_grasp.records import Record
+from lis_grasp.surfaces import ContactVerdicts, Estimator, ImplicitSurface, judge_contacts
+from lis_grasp.surfaces.carved_implicit_surface import above_table, carved, standing_on
+from lis_grasp.surfaces.estimators import accepted_options, few_contacts, find_estimator
+from lis_grasp.task.decide import Decide
+from lis_grasp.task.robot import Robot
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)  # no slots: for cached_property
+class Perception:
+    """The settings of an estimate from contacts.
+
+    Examples
+    --------
+    >>> pipeline.Perception(estimator="gpis").free_space
+    True
+    """
+
+    estimator: str | Estimator = "blend"  #: a name, or called with the contacts alone
+    sensor: TactileSensor = field(default_factory=TactileSensor)  #: the estimator knows its noise
+    free_space: bool = True  #: whether the contacts' free space is removed from the estimate
+    keep_all: bool = False  #: whether contacts that the others contradict are believed
+    support_height: float | None = None  #: of a table that closes it from below [m]
+    margin: float | None = None  #: by which free space is smaller [m]; None for the sensor's
+    options: Mapping[str, Any] = field(default_factory=dict)  #: further keywords of the estimator
+
+    @classmethod
+    def of(cls, robot: Robot, decide: Decide, support_height: float | None) -> Perception:
+        """Return the settings of a robot, for an object on a table at a height [m] or on none."""
+        return cls(
+            estimator=decide.estimator,
+            sensor=robot.sensor,
+            free_space=decide.free_space,
+            keep_all=decide.keep_all,
+            support_height=support_height,
+        )
+
+    @cached_property
+    def make(self) -> Estimator:
+        """The estimator, given the sensor's noise.
+
+        It estimates a noise that is 0 from the contacts, or keeps its own default. An estimator
+        that is no name is given the further options alone.
+        """
+        sensor, noise = self.sensor, dict(self.options)
+        if not isinstance(self.estimator, str):
+            return partial(self.estimator, **noise) if noise else self.estimator
+        known = {"position_noise": sensor.position_noise, "normal_noise": sensor.normal_noise}
+        noise |= {kind: value for kind, value in known.items() if value}
+        return partial(find_estimator(self.estimator), **noise)
+
+    def judge(self, contacts: Contacts) -> ContactVerdicts:
+        """Return the verdicts on contacts, given the sensor's noise; with `keep_all`, all sound."""
+        noise = {
+            name: self.options.get(name, getattr(self.sensor, name)) or None
+            for name in ("position_noise", "normal_noise")
+        }
+        return judge_contacts(
+            replace(contacts, judged=True) if self.keep_all else contacts, **noise
+        )
+
+
+@dataclass(frozen=True, eq=False)  # no slots: for cached_property
+class SurfaceEstimate(Record):
+    """The estimate of at least one contact; each part is made at its first use.
+
+    Errors of a part are `EstimationError` and `InvalidContactsError`: no surface can be estimated
+    from the contacts.
+
+    Examples
+    --------
+    >>> estimate = pipeline.SurfaceEstimate(contacts, pipeline.Perception(estimator="gpis"))
+    >>> estimate.mesh.is_watertight
+    True
+    """
+
+    contacts: Contacts  #: in O, as measured
+    perception: Perception = field(default_factory=Perception)
+
+    @cached_property
+    def verdicts(self) -> ContactVerdicts:
+        """The verdict on each contact."""
+        return self.perception.judge(self.contacts)
+
+    @cached_property
+    def credible(self) -> Contacts:
+        """The contacts to estimate from, without those that the table implies."""
+        return self.verdicts.credible
+
+    @cached_property
+    def solid(self) -> ImplicitSurface:
+        """The surface before free space and what is below the table are removed."""
+        height = self.perception.support_height
+        contacts = self.credible if height is None else standing_on(self.credible, height)
+        return self.perception.make(contacts)
+
+    @cached_property
+    def guide(self) -> ImplicitSurface:
+        """The surface that guides touches, which go on: of all contacts if too many are bad.
+
+        Neither free space nor the table are part of it.
+        """
+        try:
+            contacts = self.credible
+        except TooManyBadContactsError:
+            contacts = replace(self.contacts, judged=True)
+        return self.perception.make(contacts)
+
+    @cached_property
+    def surface(self) -> ImplicitSurface:
+        """The surface, without free space and above the table."""
+        known, surface = self.perception, self.solid
+        if known.free_space:
+            margin = known.sensor.free_margin if known.margin is None else known.margin
+            surface = carved(surface, self.credible, margin=margin)
+        return above_table(surface, known.support_height)
+
+    @cached_property
+    def mesh(self) -> trimesh.Trimesh:
+        """The closed mesh of the surface, with the uncertainty of each vertex [m]."""
+        return extract_mesh(self.surface, touched=self.contacts.points)
+
+
+def estimate(
+    contacts: Contacts,
+    estimator: str | Estimator = "blend",
+    *,
+    support_height: float | None = None,
+    free_space: bool = True,
+    keep_all: bool = False,
+    **options: Any,
+) -> ImplicitSurface:
+    """Estimate the surface of an object from contacts.
+
+    It is the surface of ``lis-grasp estimate``, of a run, and of `lis_grasp.drake`.
+
+    Parameters
+    ----------
+    contacts
+        Contacts of one object, in its frame O.
+    estimator
+        "blend", "smooth", "gpis", "lis", "patch", or a plug-in: its name, ``my.module:Class``,
+        or what is called with contacts.
+    support_height
+        Height of the table on which the object stands [m]; None for none. It closes the estimate
+        from below, and walls that were touched near it continue down to it. ``table`` is its name
+        in 2.0.
+    free_space
+        Whether the contacts' free space is removed from the estimate.
+    keep_all
+        Whether all contacts are believed, those that the others contradict too.
+    options
+        ``margin``, by which balls of free space are smaller [m], and the keywords of the
+        estimator's `from_contacts`, such as ``position_noise`` [m] and ``normal_noise`` [rad].
+
+    Raises
+    ------
+    InvalidOptionError
+        If there is no such estimator, or an option is out of range.
+    EstimationError, InvalidContactsError
+        If no surface can be estimated from the contacts.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> axes = np.vstack([np.eye(3), -np.eye(3)])
+    >>> surface = estimate(Contacts(points=0.03 * axes, normals=axes), "gpis")
+    >>> bool(abs(surface.evaluate([0.0, 0.0, 0.03])) < 1e-6)  # the surface is where this is 0
+    True
+    """
+    if not isinstance(contacts, Contacts):
+        raise TypeError(
+            f"write Contacts(points, normals) or load_contacts(path), not {type(contacts).__name__}"
+        )
+    height, margin = options.pop("table", support_height), options.pop("margin", 0.0)
+    make = find_estimator(estimator) if isinstance(estimator, str) else estimator
+    _require_accepted(make, str(estimator), options)
+    note_doubts(contacts)
+    known = Perception(
+        estimator=make,
+        free_space=free_space,
+        keep_all=keep_all,
+        support_height=height,
+        margin=margin,
+        options=options,
+    )
+    return SurfaceEstimate(contacts, known).surface
+
+
+def note_doubts(contacts: Contacts) -> None:
+    """Warn of contacts that are in another unit than metres, and of too few of them."""
+    if contacts.extent > LARGEST:
+        note(f"contacts are in metres, and these are {contacts.extent:.3g} m apart: check the unit")
+    if doubt := few_contacts(contacts):
+        note(doubt)
+
+
+def _require_accepted(make: Callable[..., Any], name: str, options: Mapping[str, Any]) -> None:
+    """Raise `TypeError` for the first option that an estimator has no keyword for."""
+    for option in sorted(options.keys() - accepted_options(make, options).keys()):
+        accepted = {*inspect.signature(make).parameters, *inspect.signature(estimate).parameters}
+        nearest = nearest_or_all(option, accepted - {"contacts", "options"})
+        raise TypeError(f"estimate with {name} has no option '{option}'{nearest}")

@@ -1,0 +1,55 @@
+"""Plan stage: ranked grasps of the robot's hand, and of its arm, on a mesh."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import trimesh
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import EstimationError
+from lis_grasp.grasping.grasps import GraspSearch
+from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
+from lis_grasp.stages.agent import Agent
+from lis_grasp.stages.estimate import SurfaceEstimate
+
+_GRASP_STREAM = 2  # of random numbers: a stage that runs alone repeats its part of a whole run
+_FEW_SETS = 400  # contact sets sampled to predict a success during an exploration
+
+
+def plan_grasps(
+    agent: Agent, mesh: trimesh.Trimesh, *, candidates: int = CANDIDATES
+) -> GraspSearch:
+    """Plan the ranked grasps of the agent's hand, and its arm if it has one, on a mesh.
+
+    At most `candidates` contact sets are sampled.
+
+    Examples
+    --------
+    >>> scenario = pipeline.Scenario.from_config(Task.of("box", hand="wsg50", grasps=1))
+    >>> len(pipeline.plan(scenario.agent, scenario.truth.shape.mesh))
+    1
+    """
+    load = agent.load_of(mesh)
+    sampler = ForceClosureSampler(
+        agent.hand, load, candidates=candidates, station=agent.station, obstacles=agent.keep_out
+    )
+    rng = np.random.default_rng([agent.seed, _GRASP_STREAM])
+    height, count = agent.support_height, agent.decide.grasps
+    return sampler.sample(mesh, rng=rng, support_height=height, count=count)
+
+
+def closure_probability(agent: Agent, contacts: Contacts) -> float:
+    """Return the probability that the best of a few grasps closes, which the surface decides.
+
+    Touching does not show how much weight a grasp must carry.
+    """
+    try:
+        mesh = SurfaceEstimate(contacts, agent.perception).mesh
+    except EstimationError:  # too few contacts for a closed surface
+        return 0.0
+    load = replace(agent.load_of(mesh), friction_spread=0.0, mass_spread=0.0)
+    best = replace(agent, load_prior=load, mass_by_volume=False, station=None).deciding(grasps=1)
+    search = plan_grasps(best, mesh, candidates=_FEW_SETS)
+    return search.grasps[0].quality["closure_probability"] if search.grasps else 0.0

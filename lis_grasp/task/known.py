@@ -1,0 +1,50 @@
+"""What the robot knows beforehand of the object and its surroundings."""
+
+from __future__ import annotations
+
+from lis_grasp.exploration import DEFAULT_REGION, Region
+from lis_grasp.io.option import option, record_of_options
+from lis_grasp.task.option_groups import GRASPING, TOUCHING
+
+
+@record_of_options
+class Known:
+    """The region that contains the object, what is known of its load, and what is around it.
+
+    Examples
+    --------
+    >>> Known(region=(0.3, 0.3, 0.2)).load
+    'unknown'
+    """
+
+    region: tuple[float, ...] | None = option(
+        DEFAULT_REGION,
+        "lengths [m] of the box on the table that contains the object: position and size of the"
+        " object are then unknown",
+        metavar=("X", "Y", "Z"),
+        check=lambda name, value: Region(value).lengths,
+    )
+    load: str = option(
+        "unknown",
+        "prior knowledge of the object's mass and friction in planning: their values, or their"
+        " distributions",
+        choices=("known", "unknown"),
+        words="unknown; known with --known",
+        words_else="known",
+    )
+    cloud: str | None = option(
+        None,
+        "contacts known before the first touch, in the frame of the touches, the mesh's unless a"
+        " `pose` file places it on the table: a point cloud with normals, of any format that"
+        " estimate reads; touches go where it lacks the surface",
+        TOUCHING,
+        metavar="FILE",
+    )
+    obstacles: str | None = option(
+        None,
+        "mesh file [m] of what hand and arm must not hit on the approach and in the lift, such as a"
+        " shelf or a bin, in the frame of contacts and grasps; it may be open, and is not"
+        " simulated",
+        GRASPING,
+        metavar="FILE",
+    )
