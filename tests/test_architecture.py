@@ -21,7 +21,7 @@ from lis_grasp import pipeline
 from lis_grasp.stages import agent, lift, next_touch
 from lis_grasp.stages.estimate import Perception
 from lis_grasp.stages.plan import closure_probability, plan_grasps
-from lis_grasp.stages.touch import exploration_setup, make_policy, stop_rules
+from lis_grasp.stages.touch import make_perception, make_policy, make_strategy, stop_rules
 
 PACKAGE = Path(lis_grasp.__file__).resolve().parent
 STUDIES = Path(lis_grasp_studies.__file__).resolve().parent
@@ -240,7 +240,8 @@ def test_the_true_object_is_no_part_of_what_is_known() -> None:
         Perception,
         plan_grasps,
         closure_probability,
-        exploration_setup,
+        make_perception,
+        make_strategy,
         make_policy,
         stop_rules,
         lift.lift_options,

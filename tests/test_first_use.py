@@ -137,7 +137,7 @@ def test_a_seed_stands_for_a_generator(gripper: Hand, box: trimesh.Trimesh) -> N
 
 def test_a_plan_is_that_of_the_pipeline(gripper: Hand, box: trimesh.Trimesh) -> None:
     config = RunConfig(object="object", friction=0.5, grasps=1, seed=3)
-    known = Agent.for_mesh(config, box, -0.03, gripper)
+    known = Agent.of(config, -0.03, hand=gripper)
     wanted = pipeline.plan(known, box).best
     planned = lis_grasp.plan(box, "wsg50", rng=3, friction=0.5, grasps=1).best
     np.testing.assert_array_equal(planned.pose, wanted.pose)

@@ -16,10 +16,9 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, complain, say
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, shown
-from lis_grasp.exploration import Exploration, ProbeOutcome, TouchLog
+from lis_grasp.exploration import Exploration, Observation, TouchLog
 from lis_grasp.io.atomic_writing import sole_writer, write_json
 from lis_grasp.results.folder import LOG, read_touches
-from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import STABLE
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.contact_sources import (
@@ -35,7 +34,7 @@ from lis_grasp.typing import FloatArray
 
 _READING = ("units", "normals", "fingertip_radius", "viewpoint")  # what a file does not say
 _NOISE = ("position_noise", "normal_noise")
-_Before: TypeAlias = tuple[Contacts, tuple[ProbeOutcome, ...], dict[str, Any]]
+_Before: TypeAlias = tuple[Contacts, tuple[Observation, ...], dict[str, Any]]
 _OPTIONS = ("hand", "estimator", "policy", "slide", *_NOISE, "obstacles", "seed", "keep_all")
 
 
@@ -102,7 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Choose the next touch, print it, and write it; or answer requests for touches."""
     serves = options.serve or options.port is not None or options.socket is not None
-    before, outcomes, recorded = _read(options, serves=serves)
+    before, observations, recorded = _read(options, serves=serves)
     place = _place(options, recorded)
     # In a configuration, size is that of a built-in shape, and a region needs a true pose.
     task = Task.from_facts({**vars(options), "size": None, "region": None}, recorded)
@@ -111,12 +110,12 @@ def execute(options: argparse.Namespace) -> None:
     if serves:
         _serve(options, place, task)
         return
-    contacts = before.append(Exploration.replay(outcomes).contacts)
+    contacts = before.append(Exploration.replay(observations).contacts)
     space = place.space(contacts)
-    agent = Agent.of(task, space, 0.0)
+    agent = Agent.of(task, 0.0, space=space)
     hand = agent.hand
     with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
-        touch = next_touch(agent, before, outcomes)
+        touch = next_touch(agent, before, observations)
         stage.result = f"policy {task.decide.policy}"
     if place.doubt(contacts):
         say(f"warning: {place.doubt(contacts)}")
@@ -159,7 +158,7 @@ def _place(options: argparse.Namespace, recorded: dict[str, Any]) -> ObjectPlace
 
 
 def _read(options: argparse.Namespace, *, serves: bool) -> _Before:
-    """Return the contacts of a file, or of a log its cloud and outcomes; and the recorded facts."""
+    """Return the contacts of a file, or of a log its cloud and observations; and its facts."""
     path, is_log = options.contacts, _is_log(options.contacts)
     for name in _READING if is_log or serves else ():
         if getattr(options, name) is not None:
@@ -175,8 +174,9 @@ def _read(options: argparse.Namespace, *, serves: bool) -> _Before:
 
 
 def _read_log(path: Path) -> _Before:
-    recorded, outcomes = read_touches(path)
-    return _cloud(recorded.get("cloud")), outcomes, recorded
+    recorded, probes = read_touches(path)
+    observations = tuple(probe.observation for probe in probes)
+    return _cloud(recorded.get("cloud")), observations, recorded
 
 
 def _is_log(path: Path | None) -> bool:
@@ -195,7 +195,7 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, task: Task) -> None:
 
     if options.output is not None and options.output.suffix.lower() == ".json":
         raise InvalidOptionError.out_of_range("--output", str(options.output), "a folder")
-    source, hand = options.contacts, Hand.load(task.robot.hand)
+    source, agent = options.contacts, Agent.of(task, 0.0)
     folder = options.output or (source or Path()).parent
     resumed = _is_log(source)
     path = source if resumed else folder / LOG
@@ -216,8 +216,8 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, task: Task) -> None:
         facts["cloud"] = str(source)
     log = TouchLog(path, facts)
     with sole_writer(folder):
-        before, outcomes, _ = _read_log(path) if resumed else (_cloud(source), (), {})
-        service = TouchService(task, hand, place, folder, log, before, outcomes)
+        before, observations, _ = _read_log(path) if resumed else (_cloud(source), (), {})
+        service = TouchService(agent, place, folder, log, before, observations)
         if options.port is None and options.socket is None:
             with _own_output() as answers:
                 complain("ready: requests on standard input, one JSON object a line")

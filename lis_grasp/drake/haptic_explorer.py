@@ -20,14 +20,15 @@ from lis_grasp.drake.surface_estimator import Estimate
 from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.exploration import (
     Exploration,
-    ExplorationSetup,
     ExplorationState,
+    ExplorationStrategy,
     HandPose,
     Policy,
     Probe,
     ProbeOutcome,
     Region,
     StopRule,
+    TactilePerception,
     TactileSensor,
     Workspace,
     advance,
@@ -155,11 +156,11 @@ class HapticExplorer(LeafSystem):
             )
         require_positive(probe_speed=probe_speed, period=period)
         X_WE = X_WE or RigidTransform()
-        sensor, self._seed, self._X_WE = noise or TactileSensor(), seed, X_WE.GetAsMatrix4()
+        self._sensor, self._seed = noise or TactileSensor(), seed
+        self._X_WE = X_WE.GetAsMatrix4()
         self._X_LH, self._actuated = hand.hand.X_LH, hand.actuated
-        self._setup = ExplorationSetup(
-            make_policy(policy, space, sensor), _unknown, touches, space, sensor=sensor, stop=stop
-        )
+        chooses = make_policy(policy, space, self._sensor)
+        self._strategy = ExplorationStrategy(chooses, touches, space, stop)
         self._mover: Mover
         if station is not None:
             station = station.moved(inverse_pose(self._X_WE) @ station.X_WA)
@@ -234,15 +235,16 @@ class HapticExplorer(LeafSystem):
             assert estimate.solid is not None
             return estimate.solid
 
-        setup, explored = replace(self._setup, estimate=estimated), before.exploration
+        strategy, explored = self._strategy, before.exploration
+        perception = TactilePerception(estimated, sensor=self._sensor)
         if explored is None or len(contacts) < before.known:  # the sensor was reset
-            explored = begin(replace(setup, prior=contacts))
+            explored = begin(replace(perception, prior=contacts), strategy)
         elif before.probe is not None:
-            explored = advance(setup, explored, self._outcome(before, contacts, now))
+            explored = advance(perception, explored, self._outcome(before, contacts, now))
         progress = replace(before, phase="begin", touched=None, probe=None)
         for _ in range(_PASSED_OVER):
-            draws = np.random.SeedSequence(self._seed, spawn_key=(len(explored.outcomes),))
-            chosen = choose(setup, explored, rng=np.random.default_rng(draws))
+            draws = np.random.SeedSequence(self._seed, spawn_key=(len(explored.observations),))
+            chosen = choose(strategy, explored, rng=np.random.default_rng(draws))
             if isinstance(chosen, str):
                 return replace(progress, phase="done", exploration=explored, ended=chosen)
             motion = self._mover.out(chosen, before.motion)
@@ -258,9 +260,8 @@ class HapticExplorer(LeafSystem):
                     free=len(contacts.free_points),
                     exploration=explored,
                 )
-            explored = advance(
-                setup, explored, ProbeOutcome(chosen.probe, "blocked", reason=motion)
-            )
+            blocked = ProbeOutcome(chosen.probe, "blocked", reason=motion)
+            explored = advance(perception, explored, blocked)
         return replace(progress, exploration=explored)
 
     def _outcome(self, before: _Progress, contacts: Contacts, now: float) -> ProbeOutcome:
@@ -317,7 +318,7 @@ class HapticExplorer(LeafSystem):
     def _explored(self, context: Context) -> Exploration:
         progress = _progress(context)
         explored = progress.exploration or ExplorationState()
-        return Exploration(explored.contacts, explored.outcomes, progress.ended)
+        return Exploration(explored.contacts, explored.observations, progress.ended)
 
 
 def _progress(context: Context) -> _Progress:
@@ -329,8 +330,3 @@ def _at(context: Context) -> tuple[_Progress, float]:
     """Return the progress, and the time since its motion began [s]."""
     progress = _progress(context)
     return progress, context.get_time() - progress.began
-
-
-def _unknown(contacts: Contacts) -> ImplicitSurface:
-    """Stand for an estimate before there is a Diagram; it is not called."""
-    raise AssertionError

@@ -1,7 +1,9 @@
 """Tactile exploration: choose the next touch, make it, estimate the surface, repeat."""
 
 from lis_grasp._moved import module_names
-from lis_grasp.exploration.loop import advance, begin, choose, explore, explore_steps
+from lis_grasp.exploration.loop import explore, explore_steps
+from lis_grasp.exploration.observations import Landmark, Observation
+from lis_grasp.exploration.perception import TactilePerception, advance, begin, begin_again
 from lis_grasp.exploration.policy import POLICIES, Policy, RegionPolicy, TargetPolicy
 from lis_grasp.exploration.pose_tracking import PoseTracker
 from lis_grasp.exploration.probe import (
@@ -11,14 +13,10 @@ from lis_grasp.exploration.probe import (
     ProbeOutcome,
     Prober,
     ProbeStatus,
+    SimulatedProber,
 )
 from lis_grasp.exploration.region import DEFAULT_REGION, Region
-from lis_grasp.exploration.states import (
-    Exploration,
-    ExplorationSetup,
-    ExplorationState,
-    NextProbe,
-)
+from lis_grasp.exploration.states import Exploration, ExplorationState, NextProbe
 from lis_grasp.exploration.stopping import (
     StopRule,
     StopRuleWithMemory,
@@ -27,8 +25,9 @@ from lis_grasp.exploration.stopping import (
     stop_when_covered,
     stop_when_graspable,
 )
+from lis_grasp.exploration.strategy import ExplorationStrategy, choose
 from lis_grasp.exploration.tactile_sensor import TactileSensor
-from lis_grasp.exploration.touch_log import TouchLog, load_outcomes
+from lis_grasp.exploration.touch_log import LoggedProbe, TouchLog, load_observations, load_outcomes
 from lis_grasp.exploration.workspace import STEP_FRACTION, Workspace
 
 __all__ = [
@@ -36,11 +35,14 @@ __all__ = [
     "POLICIES",
     "STEP_FRACTION",
     "Exploration",
-    "ExplorationSetup",
     "ExplorationState",
+    "ExplorationStrategy",
     "HandPose",
+    "Landmark",
+    "LoggedProbe",
     "MovingProber",
     "NextProbe",
+    "Observation",
     "Policy",
     "PoseTracker",
     "Probe",
@@ -49,17 +51,21 @@ __all__ = [
     "Prober",
     "Region",
     "RegionPolicy",
+    "SimulatedProber",
     "StopRule",
     "StopRuleWithMemory",
+    "TactilePerception",
     "TactileSensor",
     "TargetPolicy",
     "TouchLog",
     "Workspace",
     "advance",
     "begin",
+    "begin_again",
     "choose",
     "explore",
     "explore_steps",
+    "load_observations",
     "load_outcomes",
     "stop_after",
     "stop_when_certain",

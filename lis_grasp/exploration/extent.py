@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lis_grasp.contacts import HALF_SPACE, Contacts
+from lis_grasp.exploration.observations import Landmark
 from lis_grasp.exploration.probe import Probe, ProbeOutcome, are_touches
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import unit
@@ -43,6 +44,7 @@ class End:
     space: Workspace
     contacts: Contacts
     outcomes: Sequence[ProbeOutcome]  # since the first contact
+    landmarks: Sequence[Landmark] = ()  # touched before
 
     @property
     def across(self) -> FloatArray:
@@ -57,12 +59,25 @@ class End:
     @property
     def tried(self) -> list[ProbeOutcome]:
         """Outcomes of motions inward."""
-        return [o for o in self.outcomes if -(o.probe.direction @ self.out) > _ALONG]
+        return [o for o in self.outcomes if self._is_inward(o.probe)]
+
+    @property
+    def touched(self) -> list[Landmark]:
+        """Landmarks that motions inward touch."""
+        return [landmark for landmark in self.landmarks if self._is_inward(landmark.probe)]
+
+    def _is_inward(self, probe: Probe) -> bool:
+        return bool(-(probe.direction @ self.out) > _ALONG)
+
+    @property
+    def is_new(self) -> bool:
+        """Whether no motion inward was made, and no landmark shows what it would touch."""
+        return not self.touched and not self.tried
 
     @property
     def is_open(self) -> bool:
         """Whether it is not closed, and tries are left."""
-        return len(self.tried) < _TRIES and not self.is_closed
+        return len(self.touched) + len(self.tried) < _TRIES and not self.is_closed
 
     @property
     def is_closed(self) -> bool:
@@ -73,9 +88,10 @@ class End:
         """
         points, normals = self.contacts.points, self.contacts.normals
         found = normals @ self.out > _FACES_OUT
-        for outcome in self.tried:
-            for contact in outcome.contacts:
-                aside = abs(float((contact.points[0] - outcome.probe.target) @ self.across))
+        known = [(landmark.probe, landmark.contact) for landmark in self.touched]
+        for probe, made in (*known, *((o.probe, o.contacts) for o in self.tried)):
+            for contact in made:
+                aside = abs(float((contact.points[0] - probe.target) @ self.across))
                 same = np.linalg.norm(points - contact.points[0], axis=1) < self.space.tip_radius
                 found |= same & (aside < self.space.tip_radius) & (normals @ self.out > -0.3)
         near = points @ self.out > self.extreme @ self.out - _NEAR * self.space.step
@@ -110,10 +126,11 @@ class End:
         middle = 0.5 * float(places.min() + places.max())
         height = 0.5 * float(self.contacts.points[:, 2].max())
         tried = self.tried
-        if tried and tried[-1].status != "blocked":
+        met = tried[-1].status if tried else "touched" if self.touched else "blocked"
+        if met != "blocked":
             middle = float(extreme @ self.across)
-            if tried[-1].status == "missed":
-                height = float(extreme[2]) if len(tried) < 2 else 0.0
+            if met == "missed":
+                height = float(extreme[2]) if len(self.touched) + len(tried) < 2 else 0.0
         blocked = sum(o.status == "blocked" for o in tried)
         beyond = _BEYOND[min(blocked, len(_BEYOND) - 1)]
         inside = 0.5 * float(np.ptp(self.contacts.points @ self.out)) + self.space.step
@@ -135,16 +152,20 @@ class End:
 
 
 def ends_of(
-    space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOutcome]
+    space: Workspace,
+    contacts: Contacts,
+    outcomes: Sequence[ProbeOutcome],
+    landmarks: Sequence[Landmark] = (),
 ) -> tuple[End, ...]:
     """Return the four level ends: both along an axis, then both across it.
 
-    `contacts`, at least one, are those of the outcomes since the first contact.
+    `contacts`, at least one, are those of the outcomes since the first contact, and of landmarks.
     """
     made = np.flatnonzero(are_touches(contacts, outcomes))
     along = _level_axis(contacts.subset(made) if len(made) else contacts)
     across = np.array([-along[1], along[0], 0.0])
-    return tuple(End(out, space, contacts, outcomes) for out in (along, -along, across, -across))
+    axes = along, -along, across, -across
+    return tuple(End(out, space, contacts, outcomes, landmarks) for out in axes)
 
 
 def since_first_contact(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:
@@ -189,7 +210,10 @@ def unseen_ends(space: Workspace, contacts: Contacts) -> tuple[End, ...]:
 
 
 def extent_probe(
-    space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOutcome], before: int = 0
+    space: Workspace,
+    contacts: Contacts,
+    outcomes: Sequence[ProbeOutcome],
+    landmarks: Sequence[Landmark] = (),
 ) -> Probe | None:
     """Return the next probe that shows how far an object on a table extends, or None.
 
@@ -198,10 +222,9 @@ def extent_probe(
     first contact first. At last sweeps pass the ends of an object that lies long: what they meet,
     such as a jaw, is a new extreme, and its end open.
 
-    Contacts are those of the outcomes since the first contact; some `before` do not count among the
-    probes after which the extent is given up.
+    The outcomes are those since the first contact, or since the landmarks were touched.
     """
-    if not len(contacts) or len(outcomes) >= before + _MOST:
+    if not len(contacts) or len(outcomes) >= _MOST:
         return None
     normal = contacts.normals[0]
     down = [o for o in outcomes if o.probe.direction[2] <= -_FACES_OUT]
@@ -211,10 +234,10 @@ def extent_probe(
         place[2] = space.level_height
         above = _BEYOND[len(down)] if down else 0.6 * space.size
         return Probe(place, np.array([0.0, 0.0, -1.0]), above, 0.0)
-    ends = ends_of(space, contacts, outcomes)
+    ends = ends_of(space, contacts, outcomes, landmarks)
     found = [end for end in ends if end.is_open]
     if found:
-        return min(found, key=lambda end: (len(end.tried) > 0, float(end.out @ normal))).inward()
+        return min(found, key=lambda end: (not end.is_new, float(end.out @ normal))).inward()
     lengths = [float(np.ptp(contacts.points @ end.out)) for end in (ends[0], ends[2])]
     if max(lengths) < max(_LONG * min(lengths), contacts.points[:, 2].max()):
         return None

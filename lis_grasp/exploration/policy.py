@@ -11,7 +11,9 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration.deferred_estimate import DeferredEstimate
 from lis_grasp.exploration.extent import extent_probe, since_first_contact
+from lis_grasp.exploration.observations import Landmark
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import (
     AXES,
@@ -23,7 +25,7 @@ from lis_grasp.exploration.probe_motions import (
 )
 from lis_grasp.exploration.region import Region, search_probe
 from lis_grasp.exploration.targets import Targets
-from lis_grasp.exploration.workspace import Estimate, Workspace, as_estimate
+from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.plugins import Guarded, Registry, errors_of
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
@@ -139,7 +141,7 @@ class TargetPolicy:
         rng: np.random.Generator,
     ) -> Probe:
         """Return the next probe; see `Policy`. There always is one."""
-        known = contacts if surface is None else as_estimate(surface, contacts).contacts
+        known = contacts if surface is None else DeferredEstimate.of(surface, contacts).contacts
         space = self.space.fitted_to(known)
         made = sum(len(outcome.contacts) for outcome in outcomes)
         if len(outcomes) < len(AXES) and len(contacts) <= made:
@@ -148,10 +150,10 @@ class TargetPolicy:
                 return opening
         if surface is None or not len(contacts):
             return random_pass(space, rng)
-        own = searched = as_estimate(surface, contacts)
+        own = searched = DeferredEstimate.of(surface, contacts)
         guess = self.guess
         if guess is not None:
-            searched = own.derived("guess", None, lambda: Estimate(guess, known))
+            searched = own.derived("guess", None, lambda: DeferredEstimate(guess, known))
         sideways = concavity_probe(space, contacts, searched, outcomes, rng)
         if sideways is not None:
             return sideways
@@ -239,13 +241,14 @@ class RegionPolicy:
         What is known before the first touch.
     make
         Makes the policy of a workspace.
-    before
-        Outcomes of an earlier exploration, after which the extent is sought again.
+    landmarks
+        Contacts that were touched before the first probe, beyond which the extent is sought again.
+        Where a camera has seen the object, it is not.
     """
 
     region: Region
     make: Callable[[Workspace], Policy]
-    before: int = 0
+    landmarks: Sequence[Landmark] = ()
 
     def next_probe(
         self,
@@ -258,13 +261,21 @@ class RegionPolicy:
         """Return the next probe, or None if the object is nowhere; see `Policy`."""
         if not len(contacts):
             return search_probe(self.region, outcomes, rng=rng)
-        known = contacts if surface is None else as_estimate(surface, contacts).contacts
+        known = contacts if surface is None else DeferredEstimate.of(surface, contacts).contacts
         space = self.region.grown(known)
         if np.any(np.linalg.norm(contacts.points - space.center, axis=1) > space.radius):
             space = self.region.grown(contacts)
-        since = since_first_contact(outcomes)
-        if len(contacts) <= sum(len(outcome.contacts) for outcome in since):  # none of a camera
-            opening = extent_probe(space.fitted_to(contacts), contacts, since, self.before)
+        landmarks = self._landmarks_among(contacts)
+        since = outcomes if landmarks else since_first_contact(outcomes)
+        touched = len(landmarks) + sum(len(outcome.contacts) for outcome in since)
+        if len(contacts) <= touched:  # none of a camera
+            opening = extent_probe(space.fitted_to(contacts), contacts, since, landmarks)
             if opening is not None:
                 return opening
         return self.make(space).next_probe(contacts, surface, outcomes=outcomes, rng=rng)
+
+    def _landmarks_among(self, contacts: Contacts) -> Sequence[Landmark]:
+        """Return the landmarks if contacts are of their map; none after a loss of the object."""
+        points = {point.tobytes() for point in contacts.points}
+        here = any(landmark.contact.points[0].tobytes() in points for landmark in self.landmarks)
+        return self.landmarks if here else ()

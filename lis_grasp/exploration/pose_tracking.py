@@ -10,8 +10,10 @@ from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_at_least
+from lis_grasp.exploration.observations import Landmark, Observation
 from lis_grasp.exploration.planar_motion import PoseBelief, PoseTrust, push_of
-from lis_grasp.exploration.probe import Probe, ProbeOutcome, present_map
+from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.states import ExplorationState
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
@@ -85,25 +87,25 @@ class PoseTracker:
     def __post_init__(self) -> None:
         require_at_least(0, position_noise=self.position_noise)
 
-    def probe_again(self, outcomes: Sequence[ProbeOutcome]) -> Probe | None:
-        """Return an earlier probe to repeat because the pose has become uncertain, or None.
+    def probe_again(self, state: ExplorationState) -> Probe | None:
+        """Return the probe of a landmark to touch again as the pose is uncertain, or None.
 
         It is the one whose contact's position along its normal is least certain.
         """
-        recent = present_map(outcomes)
-        touches = [o for o in recent if o.status == "touched"]
-        spent = _OF_TOUCHES * (sum(o.repeated for o in recent) - 1) >= len(touches)
-        belief = outcomes[-1].tracked if outcomes else None
+        present, belief = state.maps.present, state.belief
+        touches, observations = present.landmarks, state.observations
+        repeated = sum(entry.observation.is_repeated for entry in present.entries)
+        spent = _OF_TOUCHES * (repeated - 1) >= len(touches)
         if belief is None or not touches:
             return None
         in_doubt = belief.trust == "doubted"
         if belief.repeated and not in_doubt:
             return None
         # Blocked ones again are blocked; while in doubt, every probe comes once.
-        count, doubts = len(outcomes), belief.count if in_doubt else 0
+        count, doubts = len(observations), belief.count if in_doubt else 0
         tried = [
             outcome.probe.target
-            for i, outcome in enumerate(outcomes)
+            for i, outcome in enumerate(state.outcomes)
             if outcome.status == "blocked" or i >= count - doubts
         ]
         if tried:
@@ -112,9 +114,9 @@ class PoseTracker:
         if not touches:
             return None
         if belief.suspicious and not spent:
-            return _sideways(touches, outcomes[-1]).probe
-        points = np.array([touch.contacts.points[0] for touch in touches])
-        normals = np.array([touch.contacts.normals[0] for touch in touches])
+            return _sideways(touches, observations[-1].outcome).probe
+        points = np.array([touch.contact.points[0] for touch in touches])
+        normals = np.array([touch.contact.normals[0] for touch in touches])
         deviations = np.sqrt(belief.variances(points, normals))
         best = int(np.argmax(deviations))
         least = max(_UNCERTAIN, _WORTHWHILE * belief.push_deviation)
@@ -124,28 +126,22 @@ class PoseTracker:
         return replace(again, overshoot=again.overshoot + 2.0 * float(deviations[best]))
 
     def track(
-        self,
-        outcome: ProbeOutcome,
-        outcomes: Sequence[ProbeOutcome],
-        known: Contacts,
-        surface: ImplicitSurface | None,
-        *,
-        repeated: bool,
-    ) -> tuple[ProbeOutcome, tuple[FloatArray, ...]]:
+        self, outcome: ProbeOutcome, state: ExplorationState
+    ) -> tuple[Observation, tuple[FloatArray, ...]]:
         """Return an outcome in the object's new frame, with the belief about its pose.
 
         The second result are the poses (4, 4) of successive new frames, each in the one before;
-        later probes are in the last one. `outcomes` are those before, `known` their contacts,
-        `surface` is estimated from them. `repeated` is whether the probe is one of `probe_again`.
+        later probes are in the last one. `state` is the one before the probe; if it asked for a
+        landmark, the probe was that.
         """
-        belief = (outcomes[-1].tracked if outcomes else None) or PoseBelief.start()
-        belief = replace(belief, joined=None)
+        known, recent, repeated = state.known, state.maps.present, state.again is not None
+        belief = replace(state.belief or PoseBelief.start(), joined=None)
         contacts = outcome.contacts
-        certain = surface if len(known) >= _FEW else None
+        certain = state.estimated if len(known) >= _FEW else None
         contradicted = certain is not None and _free_where_touched(outcome, known, belief)
-        same = (o for o in outcomes if np.array_equal(o.probe.target, outcome.probe.target))
-        places = (o.contacts.subset([0]) for o in same if repeated and len(o.contacts))
-        place = next(places, None)
+        target = outcome.probe.target
+        same = (o for o in recent.landmarks if np.array_equal(o.probe.target, target))
+        place = next((landmark.contact for landmark in same if repeated), None)
         if place is not None:  # it is missed, or another side is there
             alike = contacts.normals @ place.normals[0] > _SAME_SIDE
             contradicted |= outcome.status == "missed" or (len(alike) > 0 and not alike.any())
@@ -171,8 +167,7 @@ class PoseTracker:
         belief = _judged(belief, known, contradicted=contradicted)
         belief, X_CF = belief.centered()
         belief = replace(belief, repeated=repeated, suspicious=suspicious and not repeated)
-        outcome = outcome.object_moved(X_CF)
-        if belief.trust == "lost" or _nothing_left([*outcomes, outcome], known):
+        if belief.trust == "lost" or _nothing_left([*recent.outcomes, outcome], known):
             belief = replace(PoseBelief.start(), X_WE=belief.X_WE, trust="lost")
             new = outcome.contacts
             if len(new):  # they define the new frame: the doubt about the old pose is not theirs
@@ -182,17 +177,18 @@ class PoseTracker:
             kept = outcome.contacts if belief.trust == "doubted" else Contacts.empty()
             kept = replace(kept, position_noise=np.full(len(kept), self.position_noise))
             outcome = replace(outcome, status="blocked", contacts=kept, reason=MOVED)
-        return replace(outcome, tracked=belief), (X_EC, X_CF)
+        return Observation(outcome, belief), (X_EC, X_CF)
 
     def joined(
-        self, outcome: ProbeOutcome, X_EF: FloatArray, covariance: FloatArray
-    ) -> ProbeOutcome:
-        """Return an outcome that joins the contacts since a loss to the map before, F, in E."""
-        outcome, start = outcome.on_map(X_EF), PoseBelief.start()
+        self, observation: Observation, X_EF: FloatArray, covariance: FloatArray
+    ) -> Observation:
+        """Return an observation that joins the contacts since a loss to the map before, F, in E."""
+        observation, start = observation.on_map(X_EF), PoseBelief.start()
         covariances = start.covariances + covariance
-        belief = replace(outcome.tracked or start, means=start.means, covariances=covariances)
+        belief = replace(observation.belief or start, means=start.means, covariances=covariances)
         belief = replace(belief, trust="trusted", count=0, joined=X_EF)
-        return replace(outcome, tracked=belief, reason=JOINED)
+        outcome = replace(observation.outcome, reason=JOINED)
+        return replace(observation, outcome=outcome, belief=belief)
 
     def _measured(
         self,
@@ -287,11 +283,11 @@ def _nothing_left(outcomes: Sequence[ProbeOutcome], known: Contacts) -> bool:
     return 0 < len(known) < _FEW and len(last) == _NOTHING_LEFT and not touched
 
 
-def _sideways(touches: Sequence[ProbeOutcome], last: ProbeOutcome) -> ProbeOutcome:
-    """Return the touch of a side that faces most like that of the last, but another touch."""
-    others = [touch for touch in touches if touch is not last] or list(touches)
+def _sideways(touches: Sequence[Landmark], last: ProbeOutcome) -> Landmark:
+    """Return the landmark on a side that faces most like that of the last, but another one."""
+    others = [touch for touch in touches if touch.probe is not last.probe] or list(touches)
     normal = last.contacts.normals[0] if len(last.contacts) else -last.probe.direction
-    alike = [abs(touch.contacts.normals[0][:2] @ normal[:2]) for touch in others]
+    alike = [abs(touch.contact.normals[0][:2] @ normal[:2]) for touch in others]
     return others[int(np.argmax(alike))]
 
 

@@ -1,4 +1,4 @@
-"""Probe, probe outcome, hand pose at a touch, and the prober protocol."""
+"""Probe, probe outcome, hand pose at a touch, and the protocols of probers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import trimesh
 
 from lis_grasp.contacts import FARTHEST, Contacts, checked_radii
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
-from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, inverse_pose, require_pose, rotate
 from lis_grasp.records import Record, read_only, short_repr
@@ -105,7 +104,7 @@ class HandPose(Record):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProbeOutcome(Record):
-    """Outcome of a probe.
+    """Outcome of a probe: what the hand measured.
 
     Parameters
     ----------
@@ -126,14 +125,6 @@ class ProbeOutcome(Record):
         Free space that the hand passed, in O, as in `Contacts`.
     hand_pose
         Pose of the hand when it made the contacts, in their frame; None if unknown.
-    simulated_pose
-        Shape (4, 4): true pose of a free object after the probe, in the frame of the contacts; None
-        if unknown or fixed. No policy, estimate or plan uses it.
-    tracked
-        Belief about the object's pose after the probe, where it is tracked. The contacts are then
-        in the object's frame after it, and the probe is in that before it.
-    dropped
-        Shape (D, 3) [m], in O: points of earlier contacts that turned out to be strays.
     slid
         How many contacts, the last ones, are at the end of a slide.
 
@@ -155,9 +146,6 @@ class ProbeOutcome(Record):
     moved: float = 0.0
     free_radii: FloatArray = field(default_factory=lambda: np.empty(0))
     hand_pose: HandPose | None = None
-    simulated_pose: FloatArray | None = None
-    tracked: PoseBelief | None = None
-    dropped: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     slid: int = 0
 
     __repr__ = short_repr
@@ -182,9 +170,6 @@ class ProbeOutcome(Record):
             )
         object.__setattr__(self, "free_points", read_only(free_points))
         object.__setattr__(self, "free_radii", checked_radii(self.free_radii, len(free_points)))
-        if self.simulated_pose is not None:
-            pose = require_pose("simulated_pose", self.simulated_pose)
-            object.__setattr__(self, "simulated_pose", pose)
         require_at_least(0, duration=self.duration, moved=self.moved, slid=self.slid)
         if self.slid > len(self.contacts):
             raise InvalidOptionError.out_of_range("slid", self.slid, "at most all contacts")
@@ -194,59 +179,14 @@ class ProbeOutcome(Record):
     def in_frame(self, X_EF: FloatArray) -> ProbeOutcome:
         """Return the outcome in a frame F with pose X_EF (4, 4); the probe stays as it was."""
         X_FE = inverse_pose(X_EF)
-        hand_pose, pose = self.hand_pose, self.simulated_pose
+        hand_pose = self.hand_pose
         return replace(
             self,
             contacts=self.contacts.in_frame(X_EF),
             # trimesh keeps the bits of points that a pose moves by rounding only.
             free_points=np.ascontiguousarray(trimesh.transform_points(self.free_points, X_FE)),
             hand_pose=hand_pose and replace(hand_pose, X_OH=X_FE @ hand_pose.X_OH),
-            simulated_pose=None if pose is None else X_FE @ pose,
         )
-
-    @property
-    def repeated(self) -> bool:
-        """Whether the probe repeated an earlier one, to track the object's pose."""
-        return self.tracked is not None and self.tracked.repeated
-
-    @property
-    def lost(self) -> bool:
-        """Whether the probe showed that the tracked object is somewhere else."""
-        return self.tracked is not None and self.tracked.trust == "lost"
-
-    @property
-    def joined(self) -> bool:
-        """Whether the probe showed that the contacts since a loss are on an earlier map."""
-        return self.tracked is not None and self.tracked.joined is not None
-
-    def on_map(self, X_EF: FloatArray, X_PF: FloatArray | None = None) -> ProbeOutcome:
-        """Return the outcome and its probe, given in P, in the frame F of another map."""
-        tracked = self.tracked
-        return replace(
-            self.in_frame(X_EF),
-            probe=self.probe.in_frame(X_EF if X_PF is None else X_PF),
-            dropped=apply_pose(inverse_pose(X_EF), self.dropped),
-            tracked=tracked and replace(tracked, X_WE=tracked.X_WE @ X_EF),
-        )
-
-    @property
-    def doubted(self) -> bool:
-        """Whether the pose of the tracked object is in doubt, so that contacts wait."""
-        return self.tracked is not None and self.tracked.trust == "doubted"
-
-    def felt(self, X_WP: FloatArray, X_WF: FloatArray) -> ProbeOutcome:
-        """Return the outcome in doubt, of a probe in P, on a new map F of a resting object."""
-        assert self.tracked is not None
-        X_EF, X_PF = (inverse_pose(X) @ X_WF for X in (self.tracked.X_WE, X_WP))
-        tracked = replace(self.tracked, trust="trusted", repeated=False)
-        status: ProbeStatus = "touched" if len(self.contacts) else self.status
-        return replace(self, tracked=tracked, status=status).on_map(X_EF, X_PF)
-
-    def object_moved(self, X_EF: FloatArray) -> ProbeOutcome:
-        """Return the outcome after a believed motion of the object that its contacts precede."""
-        pose = self.simulated_pose
-        moved = None if pose is None else inverse_pose(X_EF) @ pose
-        return replace(self, simulated_pose=moved)
 
 
 class Prober(Protocol):
@@ -273,27 +213,14 @@ class MovingProber(Prober, Protocol):
         ...
 
 
-def maps_of(outcomes: Sequence[ProbeOutcome]) -> list[dict[int, ProbeOutcome]]:
-    """Return the outcomes of the map before a loss and of the present one, by their number.
+@runtime_checkable
+class SimulatedProber(Prober, Protocol):
+    """A prober that knows the true pose of its object, for evaluation and for records alone."""
 
-    Each is in the frame of its map. A loss begins another, with what was felt in doubt; the larger
-    of those before waits, until an outcome joins the present one to it.
-    """
-    before: dict[int, ProbeOutcome] = {}
-    present: dict[int, ProbeOutcome] = {}
-    for i, outcome in enumerate(outcomes):
-        tracked = outcome.tracked
-        if tracked is not None and outcome.lost:
-            doubted = [j for j, other in present.items() if other.doubted]
-            frames = [o.tracked.X_WE if o.tracked else tracked.X_WE for o in outcomes[:i]]
-            felt = {j: present.pop(j).felt(frames[j - 1], tracked.X_WE) for j in doubted}
-            before = max(before, present, key=lambda m: sum(len(o.contacts) for o in m.values()))
-            present = felt
-        elif tracked is not None and tracked.joined is not None:
-            moved = {j: other.on_map(tracked.joined) for j, other in present.items()}
-            before, present = {}, before | moved
-        present[i] = outcome
-    return [before, present]
+    @property
+    def X_EO(self) -> FloatArray | None:
+        """True pose of a free object now, (4, 4), in the frame of probes; None if it is fixed."""
+        ...
 
 
 def are_touches(contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> BoolArray:
@@ -306,16 +233,6 @@ def are_touches(contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> BoolArr
         for k, point in reversed([*enumerate(outcome.contacts.points)])
     }
     return np.array([touched.get(p.tobytes(), True) for p in contacts.points], dtype=np.bool_)
-
-
-def touches_made(contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> int:
-    """Return how many contacts of the present map are touches, and no ends of slides."""
-    return int(are_touches(contacts, present_map(outcomes)).sum())
-
-
-def present_map(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:
-    """Return the outcomes of the present map, in its frame: all but those of the one before."""
-    return list(maps_of(outcomes)[1].values()) if any(o.lost for o in outcomes) else outcomes
 
 
 def _vector(name: str, values: npt.ArrayLike) -> FloatArray:

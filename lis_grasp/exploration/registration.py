@@ -11,8 +11,9 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exploration.deferred_estimate import DeferredEstimate
 from lis_grasp.exploration.planar_motion import displacement_rows, planar_pose
-from lis_grasp.exploration.workspace import Estimate, sample_zero_level_set
+from lis_grasp.exploration.workspace import sample_zero_level_set
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -34,7 +35,7 @@ _OUTLIER, _CLEARLY, _MOST = 16.0, 9.0, 0.8
 
 
 def find_displacement(
-    contacts: Contacts, surface: Estimate
+    contacts: Contacts, surface: DeferredEstimate
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return where an object is now, of which another map is known; None if it is not certain.
 
@@ -71,7 +72,7 @@ def find_displacement(
     return (inverse_pose(X[best]), covariance) if alike.all() else None
 
 
-def are_on(contacts: Contacts, surface: Estimate) -> BoolArray:
+def are_on(contacts: Contacts, surface: DeferredEstimate) -> BoolArray:
     """Return which contacts (N,) are on an estimate."""
     matches = _matched(np.eye(4)[None], contacts, _Samples.of(surface))
     return np.maximum(matches.errors[0], matches.turned[0]) < _CLEARLY
@@ -88,12 +89,12 @@ class _Samples:
     tree: cKDTree  #: of points and scaled normals
 
     @classmethod
-    def of(cls, surface: Estimate) -> _Samples:
+    def of(cls, surface: DeferredEstimate) -> _Samples:
         """Return the samples of an estimate, made once."""
         return surface.derived("samples", None, partial(cls._made, surface))
 
     @classmethod
-    def _made(cls, surface: Estimate) -> _Samples:
+    def _made(cls, surface: DeferredEstimate) -> _Samples:
         bounds = surface.contacts.bounds
         extent = float(np.ptp(bounds, axis=0).max())
         bounds = bounds + 0.25 * extent * np.array([[-1.0], [1.0]])

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exploration.deferred_estimate import DeferredEstimate
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import (
     SAME_DIRECTION,
@@ -18,7 +19,7 @@ from lis_grasp.exploration.probe_motions import (
     level_targets,
     retreats,
 )
-from lis_grasp.exploration.workspace import Estimate, Workspace, as_estimate
+from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import hull_crossing, tangent_frame, unit
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space
@@ -62,7 +63,7 @@ class Candidates:
     depths: FloatArray  # (P,) [m] in free space; negative outside
 
     @classmethod
-    def of(cls, space: Workspace, estimate: Estimate) -> Candidates:
+    def of(cls, space: Workspace, estimate: DeferredEstimate) -> Candidates:
         """Return those of an estimate, made once."""
         known = estimate.contacts
 
@@ -76,7 +77,7 @@ class Candidates:
         key = (*space.center, space.size, space.step)
         return estimate.derived("candidates", key, make)
 
-    def depths_with(self, estimate: Estimate, contacts: Contacts) -> FloatArray:
+    def depths_with(self, estimate: DeferredEstimate, contacts: Contacts) -> FloatArray:
         """Return the depths in the free space that is known now, shape (P,) [m]."""
         later = depths_in_free_space(self.points, estimate, estimate.later(contacts))
         return np.maximum(self.depths, later)
@@ -101,7 +102,7 @@ class Targets:
         outcomes: Sequence[ProbeOutcome],
     ) -> Targets:
         """Return the targets of an estimate, given before free space is removed."""
-        estimate = as_estimate(surface, contacts)
+        estimate = DeferredEstimate.of(surface, contacts)
         candidates = Candidates.of(space, estimate)
         points, normals, away = candidates.points, candidates.normals, candidates.away
         flat = is_flat(contacts, space)
@@ -151,7 +152,7 @@ def choose_slides(
     length: float,
     space: Workspace,
     contacts: Contacts,
-    estimate: Estimate | None,
+    estimate: DeferredEstimate | None,
 ) -> FloatArray:
     """Return slides (K, 3) [m] of a length after a probe's touch, to the largest gap first.
 

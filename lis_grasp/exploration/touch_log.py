@@ -1,4 +1,4 @@
-"""Touch log of an exploration, `touches.jsonl`: every probe and its outcome, to resume from."""
+"""Touch log of an exploration, `touches.jsonl`: every probe and what it showed, to resume from."""
 
 from __future__ import annotations
 
@@ -12,32 +12,52 @@ from pydantic import Field
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, InvalidInputError
+from lis_grasp.exploration.observations import Observation
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, ProbeStatus
+from lis_grasp.geometry import require_pose
 from lis_grasp.io.json_lines import Row, append_lines, read_lines
 from lis_grasp.io.schemas import FileRecord, Number, Pose, Vector, checked
-from lis_grasp.records import fields_of
+from lis_grasp.records import Record, fields_of
 from lis_grasp.typing import FloatArray
 
 _END = "ended"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class LoggedProbe(Record):
+    """A row of a touch log: what a probe showed, and beside it what was true in simulation."""
+
+    observation: Observation
+    #: (4, 4): true pose of a free object after the probe, in the frame of its contacts
+    X_EO: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        if self.X_EO is not None:
+            object.__setattr__(self, "X_EO", require_pose("simulated_pose", self.X_EO))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Recording:
     """Content of a touch log."""
 
-    outcomes: tuple[ProbeOutcome, ...]  #: of every probe, in order; none if facts have changed
+    probes: tuple[LoggedProbe, ...]  #: in order; none if facts have changed
     ending: str | None  #: reason for which the exploration ended; None if it did not
     #: facts that prevent resuming: for each, the recorded value and the present one
     changes: Mapping[str, tuple[Any, Any]]
 
+    @property
+    def observations(self) -> tuple[Observation, ...]:
+        """What every probe showed, in order."""
+        return tuple(probe.observation for probe in self.probes)
+
 
 @dataclass(frozen=True, slots=True)
 class TouchLog:
-    """A file of probes and their outcomes: a header, then one JSON object a line.
+    """A file of probes and what they showed: a header, then one JSON object a line.
 
     Lengths are in metres, times in seconds, everything in the object frame O. Numbers are kept to
-    the last bit. `Exploration.replay` makes the contacts from the outcomes.
+    the last bit. `Exploration.replay` makes the contacts from the observations.
     """
 
     path: Path  #: of a file that need not exist
@@ -63,11 +83,18 @@ class TouchLog:
         }
         probes = [] if changes else [row for row in rows if _END not in row]
         ending = next((str(row[_END]) for row in rows if _END in row), None)
-        return Recording(_outcomes(self.path, probes), ending, changes)
+        return Recording(_logged(self.path, probes), ending, changes)
 
-    def append(self, *outcomes: ProbeOutcome) -> None:
-        """Add outcomes, or the header alone; they are on the disk when this returns."""
-        append_lines(self.path, self._header(), [_row(outcome) for outcome in outcomes])
+    def begin(self) -> None:
+        """Write the header, if there is none yet."""
+        append_lines(self.path, self._header(), [])
+
+    def append(self, observation: Observation, X_EO: FloatArray | None = None) -> None:
+        """Add an observation; it is on the disk when this returns.
+
+        `X_EO` is the true pose of a simulated free object after it, (4, 4); None if unknown.
+        """
+        append_lines(self.path, self._header(), [_row(LoggedProbe(observation, X_EO))])
 
     def end(self, reason: str) -> None:
         """Mark the exploration as ended, with the reason."""
@@ -77,13 +104,18 @@ class TouchLog:
         return {"touch_log": 1, **self.facts}
 
 
+def load_observations(path: Path) -> tuple[Observation, ...]:
+    """Read every observation of a log, ended or not; errors are those of `read_log`."""
+    return tuple(probe.observation for probe in read_log(path)[1])
+
+
 def load_outcomes(path: Path) -> tuple[ProbeOutcome, ...]:
-    """Read every outcome of a log, ended or not; errors are those of `read_log`."""
-    return read_log(path)[1]
+    """Read the outcome of every probe of a log; errors are those of `read_log`."""
+    return tuple(observation.outcome for observation in load_observations(path))
 
 
-def read_log(path: Path) -> tuple[Row, tuple[ProbeOutcome, ...]]:
-    """Read the header of a log, and every outcome, ended or not.
+def read_log(path: Path) -> tuple[Row, tuple[LoggedProbe, ...]]:
+    """Read the header of a log, and every probe, ended or not.
 
     Raises `InvalidFileError` if the file is missing or no touch log.
     """
@@ -94,11 +126,13 @@ def read_log(path: Path) -> tuple[Row, tuple[ProbeOutcome, ...]]:
             f" {'something else' if header else 'missing or empty'}",
             path=path,
         )
-    return header, _outcomes(path, [row for row in rows if _END not in row])
+    return header, _logged(path, [row for row in rows if _END not in row])
 
 
-def _row(outcome: ProbeOutcome) -> Row:
-    contacts, hand_pose, tracked = outcome.contacts, outcome.hand_pose, outcome.tracked
+def _row(probe: LoggedProbe) -> Row:
+    observation, belief = probe.observation, probe.observation.belief
+    outcome = observation.outcome
+    contacts, hand_pose = outcome.contacts, outcome.hand_pose
     names = ("points", "normals", "forces", "fingers", "times")
     noise = {name: getattr(contacts, name) for name in ("position_noise", "normal_noise")}
     row = {n: v for n, v in fields_of(outcome.probe).items() if n != "slides" or len(v)}
@@ -109,26 +143,26 @@ def _row(outcome: ProbeOutcome) -> Row:
     row |= {name: [None if np.isnan(x) else x for x in values] for name, values in known.items()}
     row |= {"free_points": outcome.free_points, "free_radii": outcome.free_radii}
     row |= {"X_OH": None, "joint_positions": None} if hand_pose is None else fields_of(hand_pose)
-    row |= {"dropped": outcome.dropped} if len(outcome.dropped) else {}
+    row |= {"dropped": observation.dropped} if len(observation.dropped) else {}
     row |= {"slid": outcome.slid} if outcome.slid else {}
-    row |= {} if tracked is None else {"tracked_pose": tracked.as_dict()}
-    row |= {} if outcome.simulated_pose is None else {"simulated_pose": outcome.simulated_pose}
+    row |= {} if belief is None else {"tracked_pose": belief.as_dict()}
+    row |= {} if probe.X_EO is None else {"simulated_pose": probe.X_EO}
     return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in row.items()}
 
 
-def _outcomes(path: Path, rows: list[Row]) -> tuple[ProbeOutcome, ...]:
-    outcomes = []
+def _logged(path: Path, rows: list[Row]) -> tuple[LoggedProbe, ...]:
+    probes = []
     for number, row in enumerate(rows, start=2):
         entry = checked(TouchEntry, row, path, f"probe in line {number}")
         try:
-            outcomes.append(_outcome(entry))
+            probes.append(_probe_of(entry))
         except InvalidInputError as error:
             message = f"{path} has no valid probe in line {number}: {error}"
             raise InvalidFileError(message, path=path) from None
-    return tuple(outcomes)
+    return tuple(probes)
 
 
-def _outcome(row: TouchEntry) -> ProbeOutcome:
+def _probe_of(row: TouchEntry) -> LoggedProbe:
     contacts = Contacts(
         _rows(row.points),
         _rows(row.normals),
@@ -140,8 +174,7 @@ def _outcome(row: TouchEntry) -> ProbeOutcome:
     )
     motion = np.array(row.target), np.array(row.direction), row.standoff, row.overshoot
     probe = Probe(*motion, _rows(row.slides))
-    tracked = row.tracked_pose
-    return ProbeOutcome(
+    outcome = ProbeOutcome(
         probe,
         row.status,
         contacts,
@@ -151,11 +184,11 @@ def _outcome(row: TouchEntry) -> ProbeOutcome:
         row.moved,
         np.array(row.free_radii),
         None if row.X_OH is None else HandPose(np.array(row.X_OH), np.array(row.joint_positions)),
-        _array(row.simulated_pose),
-        None if tracked is None else PoseBelief.from_dict(tracked.model_dump()),
-        _rows(row.dropped),
         row.slid,
     )
+    tracked = row.tracked_pose
+    belief = None if tracked is None else PoseBelief.from_dict(tracked.model_dump())
+    return LoggedProbe(Observation(outcome, belief, _rows(row.dropped)), _array(row.simulated_pose))
 
 
 def _array(values: Sequence[Any] | None) -> FloatArray | None:
@@ -182,7 +215,7 @@ class BeliefEntry(FileRecord):
 
 
 class TouchEntry(FileRecord):
-    """A `ProbeOutcome`. Logs of older versions have neither poses nor radii."""
+    """A `LoggedProbe`. Logs of older versions have neither poses nor radii."""
 
     target: Vector
     direction: Vector

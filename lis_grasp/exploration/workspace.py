@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Any, TypeVar, cast
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,9 +10,8 @@ from scipy.spatial import cKDTree
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.records import read_only
-from lis_grasp.surfaces import ImplicitSurface, carved
+from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.contact_places import box_area
-from lis_grasp.surfaces.implicit_surface import DeferredSurface
 from lis_grasp.typing import BoolArray, FloatArray
 
 STEP_FRACTION = 0.25
@@ -40,8 +36,6 @@ _TIP_CLEARANCE = 0.0015
 _LEAST_STEP = 1.0 / 16.0
 # Fewer contacts show no size.
 _FEW = 4
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,57 +157,6 @@ class Workspace:
 def lowest_tip(tip_radius: float) -> float:
     """Return the lowest height of a tip's centre above a table that it does not touch [m]."""
     return tip_radius + _TIP_CLEARANCE
-
-
-class Estimate(DeferredSurface):
-    """Surface that guides touches: estimated at the first use, and kept while few contacts come.
-
-    What is derived from it for each touch, the free space of its contacts too, is computed once.
-
-    Parameters
-    ----------
-    make
-        Estimates a surface from contacts.
-    contacts
-        At least one, in O, with the free space known then.
-    margin
-        Reduction of the radii of free space [m].
-    """
-
-    def __init__(
-        self, make: Callable[[Contacts], ImplicitSurface], contacts: Contacts, margin: float = 0.0
-    ) -> None:
-        super().__init__(partial(make, contacts))
-        self.contacts, self.margin = contacts, margin
-        self._derived: dict[str, tuple[Hashable, Any]] = {}
-
-    def derived(self, name: str, key: Hashable, make: Callable[[], T]) -> T:
-        """Return what a function makes of the estimate, made once while its key is the same."""
-        if name not in self._derived or self._derived[name][0] != key:
-            self._derived[name] = key, make()
-        return cast(T, self._derived[name][1])
-
-    @cached_property
-    def _carved(self) -> ImplicitSurface:
-        return carved(self.surface, self.contacts, margin=self.margin)
-
-    def without_free_space(self, contacts: Contacts) -> ImplicitSurface:
-        """Return the estimate without the free space of the contacts so far; see `carved`."""
-        return carved(self._carved, self.later(contacts), margin=self.margin)
-
-    def later(self, contacts: Contacts) -> Contacts:
-        """Return the contacts so far, with the free space alone that came after the estimate."""
-        known = len(self.contacts.free_points)
-        return replace(
-            contacts,
-            free_points=contacts.free_points[known:],
-            free_radii=contacts.free_radii[known:],
-        )
-
-
-def as_estimate(surface: ImplicitSurface, contacts: Contacts) -> Estimate:
-    """Return the estimate that a surface is; any other is one from the contacts."""
-    return surface if isinstance(surface, Estimate) else Estimate(lambda _: surface, contacts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

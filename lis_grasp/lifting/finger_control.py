@@ -236,9 +236,11 @@ class FingerControl:
         contacts = [self._contacts[finger] for finger in fingers]
         points = np.array([self._point(contact) for contact in contacts])
         normals = np.array([contact.normal for contact in contacts])
-        wanted = self._grip
+        wanted, load = self._grip, None
+        if self._weight is not None:
+            load = self._weight, apply_pose(self._scene.X_WO, self._p_OC)
         for _ in range(_TRIES):
-            forces = self._balanced_forces(points, normals, wanted)
+            forces = balanced_forces(points, normals, self._setup.grip_friction, wanted, load)
             in_hand = rotate_back(self._scene.X_WH, forces)
             self._forces = dict(zip(fingers, in_hand, strict=True))
             self.exerted = -float(np.sum(forces * normals))
@@ -259,28 +261,6 @@ class FingerControl:
             float(np.max(np.abs(efforts) / (EFFORT_FRACTION * self._hand.effort_limits))),
         )
 
-    def _balanced_forces(
-        self, points: FloatArray, normals: FloatArray, wanted: float
-    ) -> FloatArray:
-        """Return forces (C, 3) on the object, inside the narrowest cones in which they balance.
-
-        Their normal parts add up to `wanted` [N].
-        """
-        load = None
-        if self._weight is not None:
-            load = self._weight, apply_pose(self._scene.X_WO, self._p_OC)
-        cones = [fraction * self._setup.grip_friction for fraction in _CONE_FRACTIONS]
-        for friction in cones:
-            forces = balanced_grip(points, normals, friction=friction, total=wanted, load=load)
-            total = -float(np.sum(forces * normals))
-            if total >= _ENOUGH * wanted:
-                return forces
-        # Without balance: the least unbalanced full squeeze; table and palm take the rest.
-        if total <= 0.0:  # every push would add to the load
-            forces = balanced_grip(points, normals, friction=cones[-1], total=wanted)
-            total = -float(np.sum(forces * normals))
-        return forces * (wanted / total)
-
     def _efforts(self, forces: dict[str, FloatArray]) -> FloatArray:
         """Return the joint efforts (J,) with which the fingers exert forces, given in H."""
         efforts = np.zeros(len(self._hand.joint_names))
@@ -294,6 +274,31 @@ class FingerControl:
 
     def _point(self, contact: _FingerContact) -> FloatArray:
         return apply_pose(self._scene.X_WL(contact.link), contact.point)
+
+
+def balanced_forces(
+    points: FloatArray,
+    normals: FloatArray,
+    friction: float,
+    wanted: float,
+    load: tuple[FloatArray, FloatArray] | None,
+) -> FloatArray:
+    """Return forces (C, 3) on the object, inside the narrowest cones in which they balance.
+
+    Their normal parts add up to `wanted` [N]; cones are at most as wide as `friction` allows.
+    Points, normals and the load are as of `balanced_grip`.
+    """
+    cones = [fraction * friction for fraction in _CONE_FRACTIONS]
+    for cone in cones:
+        forces = balanced_grip(points, normals, friction=cone, total=wanted, load=load)
+        total = -float(np.sum(forces * normals))
+        if total >= _ENOUGH * wanted:
+            return forces
+    # Without balance: the least unbalanced full squeeze; table and palm take the rest.
+    if total <= 0.0:  # every push would add to the load
+        forces = balanced_grip(points, normals, friction=cones[-1], total=wanted)
+        total = -float(np.sum(forces * normals))
+    return forces * (wanted / total)
 
 
 def _normals_by_finger(grasp: Grasp, hand: Hand) -> dict[str, FloatArray]:

@@ -197,7 +197,7 @@ def plan(
     solid = mesh if isinstance(mesh, trimesh.Trimesh) else _shape(mesh, task.world).mesh
     lowest = float(require_mesh("the mesh", solid).bounds[0, 2])
     height = lowest if support_height is None else support_height
-    return plan_grasps(Agent.for_mesh(task, solid, height, _loaded(hand)), solid)
+    return plan_grasps(Agent.of(task, height, hand=_loaded(hand)), solid)
 
 
 def lift(

@@ -17,7 +17,7 @@ from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, make_pose, tangent_frame
 from lis_grasp.records import Record
-from lis_grasp.robots.collision import checker_of
+from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import ProbePosture
 from lis_grasp.typing import BoolArray, FloatArray
@@ -108,7 +108,9 @@ class ApproachPlanner:
         *,
         obstacles: trimesh.Trimesh | None = None,
     ) -> None:
-        self._checker = None if obstacles is None else checker_of(hand, obstacles)
+        self._checker = (
+            None if obstacles is None else HandCollisionChecker(hand, obstacles=obstacles)
+        )
         self._reach = None if station is None else ProbeReach(station)
         self._axes = _OBLIQUE if station is None else np.vstack([_TILTED, _OBLIQUE])
         if not hand.probe_postures:

@@ -29,7 +29,7 @@ from lis_grasp.probing.approach_planner import (
     points_on_links,
 )
 from lis_grasp.probing.course import Leg
-from lis_grasp.robots.collision import checker_of
+from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
 
@@ -58,7 +58,7 @@ class ProbePlanner:
         self._hand, self._probe_speed = hand, probe_speed
         self._approaches = ApproachPlanner(hand, station)
         self._transits = None if station is None else ArmTransits(station)
-        self._checker = checker_of(hand)
+        self._checker = HandCollisionChecker(hand)
         self._poses = {
             name: self._checker.poses_in_hand(posture.joint_positions)
             for name, posture in hand.probe_postures.items()

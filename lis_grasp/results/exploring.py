@@ -12,10 +12,15 @@ import trimesh
 from threadpoolctl import threadpool_limits
 
 from lis_grasp.exceptions import EstimationError, InvalidMeshError
-from lis_grasp.exploration import Exploration, ExplorationState, ProbeOutcome, TouchLog, begin
-from lis_grasp.exploration.loop import end
+from lis_grasp.exploration import (
+    Exploration,
+    ExplorationState,
+    LoggedProbe,
+    TouchLog,
+    begin,
+)
 from lis_grasp.exploration.policy import POLICY_NAMES
-from lis_grasp.exploration.probe import maps_of
+from lis_grasp.exploration.strategy import end
 from lis_grasp.grasping.hand_capacity import narrowest_width
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import sole_writer
@@ -29,11 +34,19 @@ from lis_grasp.robots.hand_check import opening_range
 from lis_grasp.robots.shipped_models import HAND_REGISTRY, hand_path
 from lis_grasp.shapes import Shape
 from lis_grasp.stages.agent import Agent
+from lis_grasp.stages.contact_sources import prior_contacts
 from lis_grasp.stages.estimate import SurfaceEstimate
 from lis_grasp.stages.scenario import Scenario
-from lis_grasp.stages.touch import exploration_setup, make_prober, touch_steps
+from lis_grasp.stages.touch import (
+    make_perception,
+    make_prober,
+    make_strategy,
+    touch_steps,
+    true_pose,
+)
 from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES
 from lis_grasp.task.task import LIFTING, Task
+from lis_grasp.typing import FloatArray
 
 # Intermediate estimates that are kept, and the cells along the bounds of their meshes.
 _STEPS, _CELLS = 7, 26
@@ -48,8 +61,10 @@ def explore_into(
     progress: Progress = SILENT,
     fresh: bool = False,
     arm_use: ArmUse | None = None,
-) -> Exploration:
+) -> tuple[Scenario, Exploration]:
     """Explore, and write touches.jsonl, contacts.ply and some intermediate estimates (growth/).
+
+    Returns the scenario after the exploration, and the exploration.
 
     contacts.ply has the touches, then the points of the cloud, unless the object was lost. An
     interrupted exploration is resumed from its log, and the touches of a finished one are used
@@ -62,9 +77,11 @@ def explore_into(
     """
     task, agent = scenario.task, scenario.agent
     cloud = agent.cloud_contacts
+    prior = prior_contacts(cloud)
     header = _header(scenario)
     log = TouchLog(folder / LOG, provenance.parse(header) | _content(task))
-    recorded, ending = _recorded_outcomes(log, task, progress, fresh=fresh)
+    recorded, ending = _recorded_probes(log, task, progress, fresh=fresh)
+    observations = [probe.observation for probe in recorded]
     if not recorded:
         remove_growth(folder)
         remove_made_from(folder / "contacts.ply", progress)
@@ -72,23 +89,28 @@ def explore_into(
     title = f"Touching {scenario.truth.shape.name} with {agent.hand.name}"
     with progress.stage(title) as stage:
         if ending is not None:
-            setup = exploration_setup(agent)
-            exploration = end(setup, begin(setup, recorded), ending).result
+            perception, strategy = make_perception(agent.perception, prior), make_strategy(agent)
+            state, X_EO = begin(perception, strategy, observations), recorded[-1].X_EO
+            state = end(strategy, state, ending)
         else:
-            prober = make_prober(scenario, recorded, arm_use)
-            log.append()  # a page shows the object before the first touch
-            steps = touch_steps(scenario, prober, recorded)
-            exploration = _watched(steps, log, agent, header, stage).result
-            log.end(exploration.ended)
+            X_EO = recorded[-1].X_EO if recorded else None
+            now = scenario if X_EO is None else scenario.moved(X_EO)
+            prober = make_prober(now, observations, arm_use)
+            log.begin()  # a page shows the object before the first touch
+            steps = touch_steps(scenario, prober, observations)
+            with_truth = ((state, true_pose(prober)) for state in steps)
+            state, X_EO = _watched(with_truth, log, agent, header, stage)
+            log.end(state.ended)
+        exploration = state.result
         stage.result = exploration.summary()
     contacts = exploration.contacts
-    if len(cloud) and min(maps_of(exploration.outcomes)[1], default=0) == 0:
+    if len(state.prior):  # the object was not lost since
         contacts = contacts.append(cloud)
-    after = scenario.after(exploration)
+    after = scenario.after(exploration, X_EO)
     facts = provenance.parse(header) | after.facts() | after.warnings(contacts)
     with result_file(folder / "contacts.ply", progress) as path:
         contacts.save(path, header=provenance.describe(**facts))
-    return exploration
+    return after, exploration
 
 
 def explore_object(
@@ -114,8 +136,7 @@ def explore_object(
     scenario = Scenario.from_config(task)
     say_object(scenario, progress)
     with sole_writer(folder), threadpool_limits(1):
-        exploration = explore_into(folder, scenario, progress=progress, fresh=fresh)
-    return scenario.after(exploration), exploration
+        return explore_into(folder, scenario, progress=progress, fresh=fresh)
 
 
 def say_object(scenario: Scenario, progress: Progress) -> None:
@@ -158,20 +179,24 @@ def growth_counts(contacts: int) -> list[int]:
 
 
 def _watched(
-    steps: Iterator[ExplorationState],
+    steps: Iterator[tuple[ExplorationState, FloatArray | None]],
     log: TouchLog,
     agent: Agent,
     header: str,
     stage: StageProgress,
-) -> ExplorationState:
-    """Write the log and some intermediate estimates, report the progress, and return the end."""
-    state = next(steps)  # after the recorded outcomes, the last of which may lack its estimate
-    kept = Exploration.replay(state.outcomes[:-1], touches=agent.decide.touches).made
+) -> tuple[ExplorationState, FloatArray | None]:
+    """Write the log and some intermediate estimates, report the progress, and return the end.
+
+    Each step is a state, and beside it the true pose of a free object.
+    """
+    state, X_EO = next(steps)  # after the recorded probes, the last of which may lack its estimate
+    kept = Exploration.replay(state.observations[:-1], touches=agent.decide.touches).made
     counts = growth_counts(agent.decide.touches)
     while not state.ended:
-        made = state.result.made
-        if state.outcomes and (state.outcomes[-1].lost or state.outcomes[-1].joined):
-            stage.note(state.outcomes[-1].reason)
+        made = state.made
+        last = state.observations[-1] if state.observations else None
+        if last is not None and (last.is_lost or last.is_joined):
+            stage.note(last.outcome.reason)
         stage.count(made, agent.decide.touches)
         if state.surface is not None and state.is_new:
             # One touch can make several contacts and so pass a count.
@@ -182,10 +207,10 @@ def _watched(
                     mesh = extract_mesh(surface, resolution=cell)
                     save_growth(log.path.parent, len(state.contacts), mesh, header)
             kept = made
-        state = next(steps)
+        state, X_EO = next(steps)
         if not state.ended:
-            log.append(state.outcomes[-1])
-    return state
+            log.append(state.observations[-1], X_EO)
+    return state, X_EO
 
 
 # An exploration runs this module and those that it imports. The values of a configuration are
@@ -193,12 +218,12 @@ def _watched(
 _RUNS, _CONFIGURATION = "lis_grasp.stages.touch", "lis_grasp.task.task"
 
 
-def _recorded_outcomes(
+def _recorded_probes(
     log: TouchLog, task: Task, progress: Progress, *, fresh: bool
-) -> tuple[tuple[ProbeOutcome, ...], str | None]:
-    """Return the outcomes to continue or reuse, and why they ended; say which, or why none."""
+) -> tuple[tuple[LoggedProbe, ...], str | None]:
+    """Return the probes to continue or reuse, and why they ended; say which, or why none."""
     recording = log.read()
-    recorded, ending, why = recording.outcomes, recording.ending, None
+    recorded, ending, why = recording.probes, recording.ending, None
     if fresh and log.path.exists():
         why = ", as asked"
     elif recording.changes:

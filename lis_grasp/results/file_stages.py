@@ -177,7 +177,7 @@ def grasp_file(
         progress.say(f"{_WARNING}{NO_TABLE}: `support` is {table:.4g} m, the lowest point")
     elif (below := round(1e3 * (table - lowest))) > 0:
         progress.say(f"{_WARNING}the mesh reaches {below} mm below the table, z = {table:.4g} m")
-    agent = Agent.for_mesh(task, mesh, table, hand, recorded_base(options, recorded))
+    agent = Agent.of(task, table, hand=hand, X_EA=recorded_base(options, recorded))
     facts = recorded | station_facts(agent.station) | planning_facts(task)
     path = (path.parent if folder is None else folder) / "grasps.json"
     with result_file(path, progress) as temporary:

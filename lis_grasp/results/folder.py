@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
-from lis_grasp.exploration import ProbeOutcome
+from lis_grasp.exploration import LoggedProbe
 from lis_grasp.exploration.touch_log import read_log
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import read_lines
@@ -47,10 +47,10 @@ _NAMED = ("object", "hand", "estimator", "seed")
 _LONGEST_PART = 40
 
 
-def read_touches(path: Path) -> tuple[dict[str, Any], tuple[ProbeOutcome, ...]]:
-    """Return the facts of a touch log, as of `read_facts`, and its outcomes, as of `read_log`."""
-    facts, outcomes = read_log(path)
-    return checked_facts(facts, path), outcomes
+def read_touches(path: Path) -> tuple[dict[str, Any], tuple[LoggedProbe, ...]]:
+    """Return the facts of a touch log, as of `read_facts`, and its probes, as of `read_log`."""
+    facts, probes = read_log(path)
+    return checked_facts(facts, path), probes
 
 
 def results_folder(task: Task, named: Path | str | None) -> Path:

@@ -19,7 +19,7 @@ import numpy as np
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
-from lis_grasp.exploration import Exploration, ProbeOutcome, Region
+from lis_grasp.exploration import Exploration, LoggedProbe, ProbeOutcome, Region
 from lis_grasp.geometry import inverse_pose
 from lis_grasp.io.limits import reading
 from lis_grasp.io.surface_files import load_growth
@@ -52,8 +52,8 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
     Raises `InvalidFileError` if the folder has neither contacts nor a surface nor grasps nor a
     touch log.
     """
-    header, outcomes = _recorded(directory / LOG)
-    unfinished = _unfinished(directory, header, outcomes)
+    header, probes = _recorded(directory / LOG)
+    unfinished = _unfinished(directory, header, probes)
     run = unfinished or Run.load(directory)
     facts, contacts = run.facts, run.contacts
     hand = Hand.load(facts.get("hand", "allegro"))
@@ -73,7 +73,7 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
         height = facts.get("support_height")
         table = None if height is None else Table(float(height))
         X_EA = np.asarray(facts["X_EA"])
-        believed = outcomes[-1].tracked if unfinished and outcomes else None
+        believed = probes[-1].observation.belief if unfinished and probes else None
         if believed is not None:  # the frame of the contacts has moved
             X_EA = inverse_pose(believed.X_WE) @ X_EA
         content["station"] = Station.make(Arm.load(facts["arm"]), hand, X_EA, table=table)
@@ -82,8 +82,8 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
         file = directory / "contacts.ply"
         made = read_facts(file) if file.exists() else facts
         if (directory / LOG).exists() and made.get("hand") == facts.get("hand"):
-            content["touches"] = _touches(outcomes, contacts, made, hand)
-            content |= _search(outcomes, made)
+            content["touches"] = _touches(probes, contacts, made, hand)
+            content |= _search(probes, made)
     rows = [*(facts.get("turned") or ()), *(facts.get("left_out") or ())]
     content["bad_contacts"] = [] if contacts is None else [i for i in rows if i < len(contacts)]
     if "summary" not in content:
@@ -102,42 +102,45 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
 
 
 def _unfinished(
-    folder: Path, header: Mapping[str, Any], outcomes: tuple[ProbeOutcome, ...] | None
+    folder: Path, header: Mapping[str, Any], probes: tuple[LoggedProbe, ...] | None
 ) -> Run | None:
     """Return the results of an exploration that has only its log so far; None if there are more."""
     if not header or any((folder / name).exists() for name in SOURCES):
         return None
-    return Run(folder, header, Exploration.replay(outcomes or ()).contacts, None, None, None, None)
+    contacts = Exploration.replay([probe.observation for probe in probes or ()]).contacts
+    return Run(folder, header, contacts, None, None, None, None)
 
 
-def _recorded(log: Path) -> tuple[Mapping[str, Any], tuple[ProbeOutcome, ...] | None]:
-    """Return a log's header and outcomes; {} and None without a sound one: a page needs none."""
+def _recorded(log: Path) -> tuple[Mapping[str, Any], tuple[LoggedProbe, ...] | None]:
+    """Return a log's header and probes; {} and None without a sound one: a page needs none."""
     try:
         return read_touches(log)
     except LisGraspError:
         return {}, None
 
 
-def _search(outcomes: tuple[ProbeOutcome, ...] | None, facts: Mapping[str, Any]) -> dict[str, Any]:
+def _search(probes: tuple[LoggedProbe, ...] | None, facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return the region, the recorded search in it and the object's motion, as far as recorded."""
-    recorded = outcomes or ()
+    moved = probes or ()
     if facts.get("region") is None:
-        return {"moved": recorded}
-    touched = (k for k, outcome in enumerate(recorded) if len(outcome.contacts))
-    search = recorded[: next(touched, len(recorded)) + 1]  # up to the first contact
-    return {"moved": recorded, "region": Region(facts["region"]), "search": search}
+        return {"moved": moved}
+    outcomes = [probe.observation.outcome for probe in moved]
+    touched = (k for k, outcome in enumerate(outcomes) if len(outcome.contacts))
+    search = outcomes[: next(touched, len(outcomes)) + 1]  # up to the first contact
+    return {"moved": moved, "region": Region(facts["region"]), "search": search}
 
 
 def _touches(
-    outcomes: tuple[ProbeOutcome, ...] | None,
+    probes: tuple[LoggedProbe, ...] | None,
     contacts: Contacts,
     facts: Mapping[str, Any],
     hand: Hand,
 ) -> list[ProbeOutcome | None]:
     """Return the recorded touch of each contact; none at all if the log has other contacts."""
-    if outcomes is None:
+    if probes is None:
         return []
-    replayed = Exploration.replay(outcomes, touches=facts.get("touches"))
+    observations = [probe.observation for probe in probes]
+    replayed = Exploration.replay(observations, touches=facts.get("touches"))
     count = len(replayed.contacts)
     if not np.array_equal(replayed.contacts.points, contacts.points[:count]):
         return []

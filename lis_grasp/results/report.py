@@ -16,7 +16,6 @@ from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_covera
 from lis_grasp.exploration import STEP_FRACTION, Exploration, Region
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.lifting.outcome import ArmUse, LiftOutcome
-from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.stages.agent import station_facts
 from lis_grasp.stages.regrasp import Attempt
@@ -78,7 +77,7 @@ def exploration_facts(
         "ended": exploration.ended,
         "seconds": exploration.duration,
         "search": _search_facts(exploration) if isinstance(agent.space, Region) else None,
-        "motion": motion_facts(shape, exploration),
+        "motion": motion_facts(scenario, exploration),
         "covered_radius": radius,
         "reachable_coverage": reachable_coverage(
             truth.mesh,
@@ -179,20 +178,20 @@ def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
     }
 
 
-def motion_facts(shape: Shape, exploration: Exploration) -> dict[str, Any] | None:
+def motion_facts(scenario: Scenario, exploration: Exploration) -> dict[str, Any] | None:
     """Return how far touches moved a free object, and how well that was tracked, as plain values.
 
     `displacement` [m] is that of the centre of its box in all, `largest_motion` [m] that of any
     point by one touch. `tracking_error` [m] is the mean distance of the true surface from the same
     surface where the object is believed to be: 0 for motions that leave the surface in place. It is
     None after a loss, which begins another map, until both are joined. `contact_error` [m] is the
-    root mean square distance of the contacts from the true surface where it is now. None for a
-    fixed object.
+    root mean square distance of the contacts from the true surface where it is now. `scenario` is
+    the one after the exploration. None for a fixed object.
     """
-    X_EO = exploration.simulated_pose
-    if X_EO is None:
+    if not scenario.task.world.is_free or not exploration.observations:
         return None
-    beliefs = [outcome.tracked for outcome in exploration.outcomes if outcome.tracked is not None]
+    shape, X_EO = scenario.truth.shape, scenario.truth.X_EO
+    beliefs = [o.belief for o in exploration.observations if o.belief is not None]
     X_WE = beliefs[-1].X_WE if beliefs else np.eye(4)
     center = shape.mesh.bounds.mean(axis=0)
     moved = trimesh.transform_points(center[None], X_WE @ X_EO)[0] - center

@@ -78,12 +78,11 @@ def run_task(
     # Threads change the order of sums, and so the last digits of results.
     with sole_writer(folder), threadpool_limits(1):
         with watch.measure("touch"):
-            exploration = explore_into(
+            after, exploration = explore_into(
                 folder, scenario, progress=progress, fresh=fresh, arm_use=arm_use
             )
             contacts = _contacts(folder, exploration, scenario)
         remove_made_from(folder / "contacts.ply", progress, "a run makes these files anew")
-        after = scenario.after(exploration)
         stages = StoredStages(folder, watch, progress)
         attempts = tuple(grasp_with_tactile_check(after, contacts, stages))
         with progress.stage("Reporting"), watch.measure("report"):

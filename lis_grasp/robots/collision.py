@@ -38,7 +38,7 @@ class HandCollisionChecker:
     hand
         The hand.
     mesh
-        Closed triangle mesh of the object in O [m].
+        Closed triangle mesh of the object in O [m]; None for the hand, support and obstacles alone.
     support_height
         Height of the supporting plane in O [m]; None without one.
     clearance
@@ -51,7 +51,7 @@ class HandCollisionChecker:
     def __init__(
         self,
         hand: Hand,
-        mesh: trimesh.Trimesh,
+        mesh: trimesh.Trimesh | None = None,
         *,
         support_height: float | None = None,
         clearance: float = 0.002,
@@ -59,10 +59,8 @@ class HandCollisionChecker:
     ) -> None:
         self._hand = hand
         self._obstacles = None if obstacles is None else _Obstacles(obstacles)
-        self._mesh, self._inside = mesh, InsideTest(mesh)
+        self._object = None if mesh is None else _Object(mesh)
         self._floor = None if support_height is None else support_height + clearance
-        self._model = mesh_to_BVH(mesh)
-        self._object = fcl.CollisionObject(self._model, fcl.Transform())
         shapes = [fcl_shape(geometry) for geometry in hand.link_geometries]
         self._bodies = [fcl.CollisionObject(shape, fcl.Transform()) for shape in shapes]
         self._outlines = [outline(g) for g in hand.link_geometries]
@@ -140,14 +138,16 @@ class HandCollisionChecker:
 
     def nearest(self, moved: FloatArray) -> NearestLink:
         """Return the link nearest to the object after moving the placed hand by (3,) [m] in O."""
-        self._object.setTranslation(-moved)  # equivalent, with one body to move
+        assert self._object is not None
+        other, triangles = self._object.body, self._object.mesh.triangles
+        other.setTranslation(-moved)  # equivalent, with one body to move
         try:
             data = fcl.DistanceData(request=fcl.DistanceRequest(enable_nearest_points=True))
-            self._manager.distance(self._object, data, fcl.defaultDistanceCallback)
+            self._manager.distance(other, data, fcl.defaultDistanceCallback)
         finally:
-            self._object.setTranslation(np.zeros(3))
+            other.setTranslation(np.zeros(3))
         result = data.result
-        first = result.o1 is self._model
+        first = result.o1 is self._object.model
         body = self._index[id(result.o2 if first else result.o1)]
         face = int(result.b1 if first else result.b2)
         if self._hand.link_geometries[body].kind == "sphere":
@@ -155,8 +155,7 @@ class HandCollisionChecker:
             near = self._bodies[body].getTranslation()
         else:
             near = np.asarray(result.nearest_points[0 if first else 1])
-        triangle = self._mesh.triangles[face][None]
-        point = trimesh.triangles.closest_point(triangle, (near + moved)[None])[0]
+        point = trimesh.triangles.closest_point(triangles[face][None], (near + moved)[None])[0]
         link = self._hand.link_geometries[body].link
         return NearestLink(link, float(result.min_distance), point, face)
 
@@ -205,10 +204,11 @@ class HandCollisionChecker:
         return bool(data.result.is_collision) or self._obstacles.contain_any(points)
 
     def _clearance(self, poses: FloatArray) -> float:
+        assert self._object is not None
         self._pose(poses)
         self._inner.update()
         data = fcl.DistanceData()
-        self._inner.distance(self._object, data, fcl.defaultDistanceCallback)
+        self._inner.distance(self._object.body, data, fcl.defaultDistanceCallback)
         # Without such links it is the largest number; a metre is as good.
         return min(max(float(data.result.min_distance), 0.0), 1.0)
 
@@ -216,23 +216,26 @@ class HandCollisionChecker:
         self, X_OH: FloatArray, in_hand: FloatArray, *, pads_may_touch: bool
     ) -> bool:
         """Return whether the hand at a pose touches the object; its bodies are posed in H."""
+        if self._object is None:
+            return False
         X_HO = inverse_pose(X_OH)  # one body to move, instead of all links
-        self._object.setTransform(fcl.Transform(X_HO[:3, :3], X_HO[:3, 3]))
+        self._object.body.setTransform(fcl.Transform(X_HO[:3, :3], X_HO[:3, 3]))
         try:
             if self._meets_surface(pads_may_touch=pads_may_touch):
                 return True
         finally:
-            self._object.setTransform(fcl.Transform())
+            self._object.body.setTransform(fcl.Transform())
         inside = apply_pose(in_hand, self._points[:, None])[:, 0]
-        return self._inside.any_inside(apply_pose(X_OH, inside))
+        return self._object.inside.any_inside(apply_pose(X_OH, inside))
 
     def _meets_surface(self, *, pads_may_touch: bool) -> bool:
+        assert self._object is not None
         data = fcl.CollisionData()
-        self._manager.collide(self._object, data, fcl.defaultCollisionCallback)
+        self._manager.collide(self._object.body, data, fcl.defaultCollisionCallback)
         if not data.result.is_collision or not pads_may_touch:
             return bool(data.result.is_collision)
         return any(
-            fcl.collide(body, self._object, fcl.CollisionRequest(), fcl.CollisionResult())
+            fcl.collide(body, self._object.body, fcl.CollisionRequest(), fcl.CollisionResult())
             for body, geometry in zip(self._bodies, self._hand.link_geometries, strict=True)
             if geometry.link not in self._pads
         )
@@ -259,6 +262,14 @@ class HandCollisionChecker:
         return pairs - self._hand.self_collision_exclusions
 
 
+class _Object:
+    """The object: its mesh, its body, and its inside."""
+
+    def __init__(self, mesh: trimesh.Trimesh) -> None:
+        self.mesh, self.model, self.inside = mesh, mesh_to_BVH(mesh), InsideTest(mesh)
+        self.body = fcl.CollisionObject(self.model, fcl.Transform())
+
+
 class _Obstacles:
     """A mesh that may be open, with the insides of its closed parts."""
 
@@ -271,13 +282,6 @@ class _Obstacles:
     def contain_any(self, points: FloatArray) -> bool:
         """Return whether any of the points (P, 3) [m] is inside a closed part."""
         return any(inside.any_inside(points) for inside in self._insides)
-
-
-def checker_of(hand: Hand, obstacles: trimesh.Trimesh | None = None) -> HandCollisionChecker:
-    """Return a checker for collisions of a hand with itself, and with obstacles, alone."""
-    far_away = trimesh.creation.box(extents=[1e-3] * 3)
-    far_away.apply_translation([0.0, 0.0, 1e3])
-    return HandCollisionChecker(hand, far_away, obstacles=obstacles)
 
 
 def _point_of(geometry: LinkGeometry) -> FloatArray:

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 from lis_grasp.geometry import apply_pose, hull_crossing, rotate
 from lis_grasp.io.yaml_files import word
-from lis_grasp.robots.collision import checker_of
+from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.inertias import RULE, impossible_inertias
 from lis_grasp.robots.link_bodies import points_of_bodies
@@ -75,7 +75,7 @@ def _masses(hand: Hand) -> Iterator[Finding]:
 
 
 def _self_collisions(hand: Hand) -> Iterator[Finding]:
-    checker = checker_of(hand)
+    checker = HandCollisionChecker(hand)
     postures = {f"pregrasp {name}": q for name, q in hand.pregrasps.items()}
     postures |= {f"probe posture {f}": p.joint_positions for f, p in hand.probe_postures.items()}
     hits = {name: checker.self_collisions(q) for name, q in postures.items()}

@@ -14,13 +14,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidInputError, LisGraspError
 from lis_grasp.exploration import (
-    ExplorationSetup,
     ExplorationState,
+    Observation,
     Probe,
     ProbeOutcome,
     Region,
+    TactilePerception,
     TouchLog,
-    Workspace,
     advance,
     begin,
 )
@@ -31,11 +31,10 @@ from lis_grasp.io.units import LARGEST
 from lis_grasp.logs.detection import APPROACH_NOISE
 from lis_grasp.results.file_stages import estimate_file, grasp_file
 from lis_grasp.results.folder import result_file
-from lis_grasp.robots.hand import Hand
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.contact_sources import ContactSource
-from lis_grasp.stages.next_touch import NextTouch, ObjectPlace, next_touch_after, touch_setup
-from lis_grasp.task.task import Task
+from lis_grasp.stages.next_touch import NextTouch, ObjectPlace, endless, next_touch_after
+from lis_grasp.stages.touch import make_perception
 from lis_grasp.typing import FloatArray
 
 _MOST_ROWS, _MOST_GRASPS = 1000, 100  # of a request
@@ -94,32 +93,31 @@ class TouchService:
 
     Parameters
     ----------
-    task, hand
-        The task, and its hand.
+    agent
+        The robot; it knows no place of the object.
     place
         What is known of the object's place.
     folder
         For contacts.ply, surface.ply and grasps.json.
     log
-        Of the outcomes; its facts are those of the files too.
-    before, outcomes
-        Contacts and outcomes of probes so far.
+        Of the probes; its facts are those of the files too.
+    before, recorded
+        Contacts, and observations by probes, so far.
     """
 
-    task: Task
-    hand: Hand
+    agent: Agent
     place: ObjectPlace
     folder: Path
     log: TouchLog
     before: Contacts = field(default_factory=Contacts.empty)
-    outcomes: InitVar[Sequence[ProbeOutcome]] = ()
+    recorded: InitVar[Sequence[Observation]] = ()
+    _perception: TactilePerception = field(init=False)
     _state: ExplorationState = field(init=False)
     _touch: NextTouch | None = field(default=None, init=False)  # not carried out yet
 
-    def __post_init__(self, outcomes: Sequence[ProbeOutcome]) -> None:
-        # The state does not depend on the place of the object.
-        setup = self._setup(Workspace(1.0, np.zeros(3), 1.0))[1]
-        self._state = begin(setup, outcomes)
+    def __post_init__(self, recorded: Sequence[Observation]) -> None:
+        self._perception = make_perception(self.agent.perception, self.before)
+        self._state = begin(self._perception, recorded=recorded)
 
     def answer(self, content: Mapping[str, Any]) -> dict[str, Any]:
         """Return the answer to a request, as plain values.
@@ -142,29 +140,24 @@ class TouchService:
         surface = self._estimate()
         return surface if not isinstance(request, GraspRequest) else self._grasp(request)
 
-    def _setup(self, space: Workspace | Region) -> tuple[Agent, ExplorationSetup]:
-        agent = Agent.of(self.task, space, 0.0, self.hand)
-        return agent, touch_setup(agent, self.before)
-
     def _next(self, request: NextRequest) -> dict[str, Any]:
         reports = bool(request.model_fields_set - {"request", "id"})
         if reports:
             outcome = self._outcome(request)
             self._require_near(outcome)
-            self.log.append(outcome)
-            setup = self._setup(Workspace(1.0, np.zeros(3), 1.0))[1]
-            self._state, self._touch = advance(setup, self._state, outcome), None
+            self.log.append(Observation(outcome))
+            self._state, self._touch = advance(self._perception, self._state, outcome), None
         contacts = self._state.known
         try:
             if self._touch is None:
-                agent, setup = self._setup(self.place.space(contacts))
-                self._touch = next_touch_after(agent, setup, self._state)
+                agent = self.agent.placed(self.place.space(contacts))
+                self._touch = next_touch_after(agent, self._perception, endless(agent), self._state)
         except LisGraspError as error:
             if not reports:
                 raise
             return {"ok": False, "error": str(error), "recorded": True, "contacts": len(contacts)}
         doubt = self.place.doubt(contacts)
-        facts = {**self._touch.facts(self.hand), "contacts": len(contacts)}
+        facts = {**self._touch.facts(self.agent.hand), "contacts": len(contacts)}
         return facts | ({"warning": doubt} if doubt else {})
 
     def _outcome(self, request: NextRequest) -> ProbeOutcome:
@@ -237,6 +230,6 @@ class TouchService:
         names = ("grasps", "candidates", "rejections")
         answer = {"file": made.path.name, **{name: written[name] for name in names}}
         if request.moveit is not None:
-            name, X_FB = request.moveit, self.hand.X_FB
-            answer["moveit"] = moveit_grasps(made.search, self.hand, name=name, X_FB=X_FB)
+            name, X_FB = request.moveit, self.agent.hand.X_FB
+            answer["moveit"] = moveit_grasps(made.search, self.agent.hand, name=name, X_FB=X_FB)
         return answer

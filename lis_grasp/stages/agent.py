@@ -54,7 +54,8 @@ class Agent:
     seed: int  #: of every random draw
     hand: Hand
     station: Station | None = None  #: the arm that carries the hand; None for a free hand
-    space: Workspace | Region  #: the region that contains the object, or its position and size
+    #: the region that contains the object, or its position and size; None if neither is known
+    space: Workspace | Region | None = None
     support_height: float  #: of the plane under the object [m]
     on_table: bool  #: whether that plane is a table; else the object is held in the air
     may_slide: bool = False  #: whether fingertips may slide along the object
@@ -66,12 +67,13 @@ class Agent:
     def of(
         cls,
         task: Task,
-        space: Workspace | Region,
         support_height: float,
+        *,
+        space: Workspace | Region | None = None,
         hand: Hand | None = None,
         X_EA: FloatArray | None = None,
     ) -> Agent:
-        """Return the agent of a task whose object is in a space, on a plane at a height [m].
+        """Return the agent of a task whose object is on a plane at a height [m], in a space.
 
         `hand` is None for the configured one. `X_EA` (4, 4) is the pose of the arm's base in the
         frame of the contacts, as recorded; None for the configured one.
@@ -92,27 +94,26 @@ class Agent:
             seed=task.seed,
             hand=hand,
             station=_make_station(robot, hand, Table(support_height, obstacles=keep_out), X_EA),
-            space=_for_fingertips(space, hand),
             support_height=support_height,
             on_table=task.on_table,
             may_slide=task.may_slide,
             load_prior=load if is_known else UNKNOWN_LOAD,
             mass_by_volume=is_known and mass is None,
             keep_out=keep_out,
-        )
+        ).placed(space)
 
-    @classmethod
-    def for_mesh(
-        cls,
-        task: Task,
-        mesh: trimesh.Trimesh,
-        support_height: float,
-        hand: Hand | None = None,
-        X_EA: FloatArray | None = None,
-    ) -> Agent:
-        """Return the same for planning on a mesh [m], which shows the object's place."""
-        space = Workspace(1.0, mesh.bounds.mean(axis=0), float(mesh.extents.max()))
-        return Agent.of(task, space, support_height, hand, X_EA)
+    def placed(self, space: Workspace | Region | None) -> Agent:
+        """Return the same, knowing that the object is in a space."""
+        radii = [posture.radius for posture in self.hand.probe_postures.values()]
+        if space is not None and radii:  # of the thickest fingertip
+            space = replace(space, tip_radius=max(radii))
+        return replace(self, space=space)
+
+    @property
+    def known_space(self) -> Workspace | Region:
+        """The space, of an agent that is to touch: it knows one."""
+        assert self.space is not None
+        return self.space
 
     @cached_property
     def perception(self) -> Perception:
@@ -182,9 +183,3 @@ def station_facts(station: Station | None) -> dict[str, Any]:
     if station is None:
         return {}
     return {"X_EA": station.X_WA.tolist(), "X_FB": station.mount.X_FB.tolist()}
-
-
-def _for_fingertips(space: Workspace | Region, hand: Hand) -> Workspace | Region:
-    """Return prior knowledge with the radius of the hand's thickest probing fingertip."""
-    radii = [posture.radius for posture in hand.probe_postures.values()]
-    return replace(space, tip_radius=max(radii)) if radii else space

@@ -12,21 +12,23 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, require_positive
 from lis_grasp.exploration import (
     STEP_FRACTION,
-    ExplorationSetup,
     ExplorationState,
+    ExplorationStrategy,
+    Observation,
     Probe,
     ProbeOutcome,
     Region,
+    TactilePerception,
     Workspace,
     advance,
     begin,
     choose,
 )
-from lis_grasp.exploration.loop import sought_ends
+from lis_grasp.exploration.strategy import sought_ends
 from lis_grasp.probing.approach_planner import NO_FREE_APPROACH, Approach, ApproachPlanner
 from lis_grasp.robots.hand import Hand
 from lis_grasp.stages.agent import Agent
-from lis_grasp.stages.touch import exploration_rng, exploration_setup
+from lis_grasp.stages.touch import exploration_rng, make_perception, make_strategy
 from lis_grasp.task.task import plain_value
 
 NO_TABLE = "no table is known"
@@ -158,12 +160,10 @@ class ObjectPlace:
         return Workspace(STEP_FRACTION * size, center, size, table)
 
 
-def next_touch(
-    agent: Agent, contacts: Contacts, outcomes: Sequence[ProbeOutcome] = ()
-) -> NextTouch:
+def next_touch(agent: Agent, contacts: Contacts, recorded: Sequence[Observation] = ()) -> NextTouch:
     """Return the next touch that the known policy chooses and the hand can approach.
 
-    It is the next touch of the exploration with these outcomes, which has no limit here.
+    It is the next touch of the exploration with what was recorded, which has no limit here.
 
     Parameters
     ----------
@@ -171,34 +171,39 @@ def next_touch(
         Its hand needs a probe posture. In a region without contacts, the touch is a search motion.
         Its cloud is not used: it is part of the contacts.
     contacts
-        Those made before the outcomes, in O.
-    outcomes
-        Outcomes of probes, if known: they make contacts too, and missed and blocked ones are not
-        tried again.
+        Those made before the recorded probes, in O.
+    recorded
+        Observations by probes, if known: they make contacts too, and missed and blocked ones are
+        not tried again.
 
     Raises
     ------
     EstimationError
         If no probe can be approached, or the policy has none left.
     """
-    setup = touch_setup(agent, contacts)
-    return next_touch_after(agent, setup, begin(setup, outcomes))
+    perception, strategy = make_perception(agent.perception, contacts), endless(agent)
+    state = begin(perception, strategy, recorded)
+    return next_touch_after(agent, perception, strategy, state)
 
 
-def touch_setup(agent: Agent, contacts: Contacts) -> ExplorationSetup:
-    """Return the exploration without limit that begins with contacts, as of `next_touch`."""
-    without_cloud = replace(agent, known=replace(agent.known, cloud=None))
-    return replace(exploration_setup(without_cloud), touches=None, prior=contacts)
+def endless(agent: Agent) -> ExplorationStrategy:
+    """Return the agent's strategy without a wanted number of contacts."""
+    return replace(make_strategy(agent), touches=None)
 
 
-def next_touch_after(agent: Agent, setup: ExplorationSetup, state: ExplorationState) -> NextTouch:
+def next_touch_after(
+    agent: Agent,
+    perception: TactilePerception,
+    strategy: ExplorationStrategy,
+    state: ExplorationState,
+) -> NextTouch:
     """Return the next touch in a state of an exploration; see `next_touch`."""
     hand, rng, policy = agent.hand, exploration_rng(agent), plain_value(agent.decide.policy)
     planner = ApproachPlanner(hand, obstacles=agent.keep_out)
-    rng.spawn(len(state.outcomes) or len(state.prior))  # the generators of the probes so far
+    rng.spawn(len(state.observations) or len(state.prior))  # the generators of the probes so far
     blocked = 0
     while blocked < _MOST_BLOCKED:
-        chosen = choose(setup, state, rng=rng.spawn(1)[0])
+        chosen = choose(strategy, state, rng=rng.spawn(1)[0])
         if isinstance(chosen, str) or chosen.obstacles is None:
             break
         probe, so_far = chosen.probe, state.known
@@ -208,9 +213,10 @@ def next_touch_after(agent: Agent, setup: ExplorationSetup, state: ExplorationSt
             if state.estimated is not None:
                 distance = float(np.linalg.norm(so_far.points - probe.target, axis=1).min())
                 deviation = float(state.estimated.uncertainty(probe.target[None])[0])
-            sought = sought_ends(setup, state)
+            sought = sought_ends(strategy, state)
             return NextTouch(probe, approach, policy, distance, deviation, blocked, sought)
-        state = advance(setup, state, ProbeOutcome(probe, "blocked", reason=NO_FREE_APPROACH))
+        outcome = ProbeOutcome(probe, "blocked", reason=NO_FREE_APPROACH)
+        state = advance(perception, state, outcome)
         blocked += 1
     raise EstimationError(
         f"the policy {policy} has no probe that the hand {hand.name} can approach, after"

@@ -11,10 +11,11 @@ from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import (
+    Landmark,
     PoseTracker,
-    ProbeOutcome,
     RegionPolicy,
     Workspace,
+    begin_again,
     explore_steps,
 )
 from lis_grasp.exploration.planar_motion import PoseBelief
@@ -33,8 +34,10 @@ from lis_grasp.stages.plan import plan_grasps
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.stages.touch import (
     exploration_rng,
-    exploration_setup,
+    make_perception,
     make_prober,
+    make_strategy,
+    true_pose,
 )
 from lis_grasp.typing import FloatArray
 
@@ -220,33 +223,37 @@ def touch_more(
         agent = replace(agent, space=space)
     again = np.unique(np.linspace(0, len(contacts) - 1, _TOUCHED_AGAIN).round()).astype(int)
     rest = contacts.subset(np.delete(np.arange(len(contacts)), again))
-    setup = replace(exploration_setup(agent), touches=None, prior=rest)
-    setup = replace(setup, tracker=PoseTracker(agent.robot.sensor.position_noise))
-    surface, space = setup.estimate(contacts), agent.space.grown(contacts).fitted_to(contacts)
-    recorded = []
+    tracker = PoseTracker(agent.robot.sensor.position_noise)
+    perception = replace(make_perception(agent.perception, rest), tracker=tracker)
+    surface, space = (
+        perception.estimate(contacts),
+        agent.known_space.grown(contacts).fitted_to(contacts),
+    )
+    landmarks = []
     for one in map(contacts.subset, again[:, None]):
         probe = surface_probe(one.points[0], one.normals[0], space, contacts, surface, ())
-        recorded.append(ProbeOutcome(probe, "touched", one))
-    above = replace(recorded[0].probe, target=space.center + [0.0, 0.0, space.size])
-    X_EO, belief = scenario.truth.X_EO, doubted() if moved else PoseBelief.start()
-    recorded.append(ProbeOutcome(above, "blocked", simulated_pose=X_EO, tracked=belief))
+        landmarks.append(Landmark(probe, one))
+    strategy = replace(make_strategy(agent), touches=None)
+    if isinstance(strategy.policy, RegionPolicy):
+        policy = replace(strategy.policy, landmarks=landmarks)
+        strategy = replace(strategy, policy=policy)
+    start = begin_again(perception, strategy, landmarks, doubted() if moved else PoseBelief.start())
     task = scenario.task.having(prober="dynamic", free=True, fingers="one")
-    is_free = replace(scenario, task=task)
-    prober = make_prober(is_free, recorded)
-    if isinstance(setup.policy, RegionPolicy):
-        setup = replace(setup, policy=replace(setup.policy, before=len(recorded)))
-    wanted, lost = len(again) + _MORE_TOUCHES, False
-    for state in explore_steps(prober, setup, rng=exploration_rng(agent), recorded=recorded):
-        last, probes = state.outcomes[-1], len(state.outcomes) - len(recorded)
-        if last.lost or last.joined:
-            wanted, lost = (agent.decide.touches if last.lost else 0), last.lost
-        made = len(state.contacts) >= wanted and not last.doubted
-        if made or probes >= _PROBES_PER_TOUCH * (
-            agent.decide.touches if lost else 2 * _MORE_TOUCHES
-        ):
+    prober, rng = make_prober(replace(scenario, task=task)), exploration_rng(agent)
+    rng.spawn(len(landmarks) + 1)  # the first generators are those of touches before
+    touches = agent.decide.touches
+    wanted, lost = len(landmarks) + _MORE_TOUCHES, False
+    for state in explore_steps(prober, perception, strategy, rng=rng, start=start):
+        probes = len(state.observations)
+        for last in state.observations[-1:]:
+            if last.is_lost or last.is_joined:
+                wanted, lost = (touches if last.is_lost else 0), last.is_lost
+        in_doubt = state.belief is not None and state.belief.trust == "doubted"
+        made = len(state.contacts) >= wanted and not in_doubt
+        if made or probes >= _PROBES_PER_TOUCH * (touches if lost else 2 * _MORE_TOUCHES):
             break
-    X_EF = np.eye(4) if last.tracked is None else last.tracked.X_WE
-    scenario, found = scenario.after(state.result), state.known
+    X_EF = np.eye(4) if state.belief is None else state.belief.X_WE
+    scenario, found = scenario.after(state.result, true_pose(prober)), state.known
     touched = len(found) - (0 if lost else len(contacts))
     distance = float(np.linalg.norm(X_EF[:3, 3]))
     return scenario, found, Lesson(0, touched, probes, distance, lost)

@@ -102,20 +102,26 @@ class Scenario:
             X_WO = _pose("X_WO", poses.get("X_WO"))
             shape = shape if poses.get("X_WO") is None else placed(shape, X_WO)
         support_height = 0.0 if world.pose is not None else lowest_point(shape)
-        agent = Agent.of(task, _prior_space(shape, task), support_height, hand, poses.get("X_EA"))
+        agent = Agent.of(
+            task,
+            support_height,
+            space=_prior_space(shape, task),
+            hand=hand,
+            X_EA=poses.get("X_EA"),
+        )
         mass = default_mass(shape.mesh, world.object) if world.mass is None else world.mass
         X_EO = _pose("X_EO", poses.get("X_EO"))
         return cls(task, Truth(shape, mass, world.friction, X_WO, X_EO), agent)
 
-    def after(self, exploration: Exploration) -> Scenario:
+    def after(self, exploration: Exploration, X_EO: FloatArray | None) -> Scenario:
         """Return the scenario after an exploration, in the frame of its contacts.
 
-        The frame moved with the believed object, and with it the station; touches moved the object.
+        The frame moved with the believed object, and with it the station; touches moved the object
+        to the true pose `X_EO` (4, 4), None if it is fixed.
         """
-        beliefs = [o.tracked for o in exploration.outcomes if o.tracked is not None]
-        agent = self.agent.in_frame(beliefs[-1].X_WE) if beliefs else self.agent
+        belief = exploration.belief
+        agent = self.agent if belief is None else self.agent.in_frame(belief.X_WE)
         after = replace(self, agent=agent)
-        X_EO = exploration.simulated_pose
         return after if X_EO is None else after.moved(X_EO)
 
     def moved(self, X_EO: FloatArray) -> Scenario:

@@ -12,19 +12,22 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import (
     Exploration,
-    ExplorationSetup,
     ExplorationState,
+    ExplorationStrategy,
     MovingProber,
+    Observation,
     Policy,
     PoseTracker,
-    ProbeOutcome,
     Prober,
     Region,
     RegionPolicy,
+    SimulatedProber,
     StopRule,
+    TactilePerception,
     TactileSensor,
     TargetPolicy,
     Workspace,
+    begin,
     explore_steps,
     stop_after,
     stop_when_certain,
@@ -38,13 +41,14 @@ from lis_grasp.stages.contact_sources import prior_contacts
 from lis_grasp.stages.estimate import Perception, SurfaceEstimate
 from lis_grasp.stages.plan import closure_probability
 from lis_grasp.stages.scenario import Scenario
+from lis_grasp.typing import FloatArray, IndexArray
 
 # Streams of random numbers: a stage that runs alone repeats its part of a whole run.
 _TOUCH_STREAM = 1
 
 
 def touch(
-    scenario: Scenario, *, prober: Prober | None = None, recorded: Sequence[ProbeOutcome] = ()
+    scenario: Scenario, *, prober: Prober | None = None, recorded: Sequence[Observation] = ()
 ) -> Exploration:
     """Explore the object of a scenario by touch.
 
@@ -58,7 +62,8 @@ def touch(
     prober
         Carries out the probes; None for the configured one.
     recorded
-        Outcomes to resume: those of the same exploration, interrupted or for fewer touches.
+        Observations to resume: those of the same exploration, interrupted or for fewer touches. A
+        free object is where `Scenario.moved` puts it.
 
     Examples
     --------
@@ -72,35 +77,46 @@ def touch(
 
 
 def touch_steps(
-    scenario: Scenario, prober: Prober, recorded: Sequence[ProbeOutcome] = ()
+    scenario: Scenario, prober: Prober, recorded: Sequence[Observation] = ()
 ) -> Iterator[ExplorationState]:
     """Explore as `touch` does, step by step, as of `explore_steps`."""
     agent = scenario.agent
-    setup = replace(
-        exploration_setup(agent), stop=stop_rules(agent), tracker=make_tracker(scenario, prober)
-    )
-    return explore_steps(prober, setup, rng=exploration_rng(agent), recorded=recorded)
+    perception = make_perception(agent.perception, prior_contacts(agent.cloud_contacts))
+    perception = replace(perception, tracker=make_tracker(scenario, prober))
+    strategy = replace(make_strategy(agent), stop=stop_rules(agent))
+    start = begin(perception, strategy, recorded)
+    return explore_steps(prober, perception, strategy, rng=exploration_rng(agent), start=start)
 
 
-def exploration_setup(agent: Agent) -> ExplorationSetup:
-    """Return the known setup of an exploration, without stop rules and tracker."""
-    decide, sensor = agent.decide, agent.robot.sensor
-    perception = replace(agent.perception, support_height=None)  # the hand avoids the table itself
+def make_perception(settings: Perception, prior: Contacts | None = None) -> TactilePerception:
+    """Return how contacts become what is known, without tracker.
+
+    `prior` contacts are known before the first touch.
+    """
+    settings = replace(settings, support_height=None)  # the hand avoids the table by itself
 
     @lru_cache(maxsize=1)  # contacts are judged once: for strays, then for the estimate
     def estimate(contacts: Contacts) -> SurfaceEstimate:
-        return SurfaceEstimate(contacts, perception)
+        return SurfaceEstimate(contacts, settings)
 
-    return ExplorationSetup(
-        make_policy(decide.policy, agent.space, sensor),
+    def find_strays(contacts: Contacts) -> IndexArray:
+        return estimate(contacts).verdicts.rows("stray")
+
+    return TactilePerception(
         lambda contacts: estimate(contacts).guide,
+        prior=prior,
+        sensor=settings.sensor,
+        find_strays=None if settings.keep_all else find_strays,
+    )
+
+
+def make_strategy(agent: Agent) -> ExplorationStrategy:
+    """Return how probes are chosen, without stop rules."""
+    decide = agent.decide
+    return ExplorationStrategy(
+        make_policy(decide.policy, agent.known_space, agent.robot.sensor),
         decide.touches,
         space=agent.space,
-        prior=prior_contacts(agent.cloud_contacts),
-        sensor=sensor,
-        find_strays=None
-        if decide.keep_all
-        else lambda contacts: estimate(contacts).verdicts.rows("stray"),
         slide=decide.slide if agent.may_slide else 0.0,
     )
 
@@ -114,9 +130,9 @@ def stop_rules(agent: Agent) -> list[StopRule]:
     """Return new rules that end the exploration of a known space early."""
     decide, rules = agent.decide, []
     if decide.until_coverage is not None:
-        rules.append(stop_when_covered(decide.until_coverage, agent.space))
+        rules.append(stop_when_covered(decide.until_coverage, agent.known_space))
     if decide.until_uncertainty is not None:
-        rules.append(stop_when_certain(decide.until_uncertainty, agent.space))
+        rules.append(stop_when_certain(decide.until_uncertainty, agent.known_space))
     if decide.max_seconds is not None:
         rules.append(stop_after(decide.max_seconds))
     if decide.until_success is not None:
@@ -143,9 +159,9 @@ def make_policy(
 
 
 def make_prober(
-    scenario: Scenario, recorded: Sequence[ProbeOutcome] = (), arm_use: ArmUse | None = None
+    scenario: Scenario, recorded: Sequence[Observation] = (), arm_use: ArmUse | None = None
 ) -> Prober:
-    """Return the configured prober of the true object, in the state after recorded outcomes.
+    """Return the configured prober of the true object, in the frame after recorded observations.
 
     Simulated touches add what they demand of an arm to `arm_use`.
     """
@@ -164,15 +180,20 @@ def make_prober(
             station=agent.station,
             arm_use=arm_use,
         )
-        if recorded and recorded[-1].simulated_pose is not None:
-            prober.place_object(recorded[-1].simulated_pose)
-        if recorded and recorded[-1].tracked is not None:
-            prober.place_frame(recorded[-1].tracked.X_WE)
+        if world.is_free:
+            prober.place_object(truth.X_EO)
+        if recorded and recorded[-1].belief is not None:
+            prober.place_frame(recorded[-1].belief.X_WE)
         return prober
     from lis_grasp.probing.kinematic_prober import Fingers, KinematicProber
 
     fingers: Fingers = "all" if agent.decide.fingers == "all" else "one"
     return KinematicProber(agent.hand, mesh, fingers=fingers, station=agent.station)
+
+
+def true_pose(prober: Prober) -> FloatArray | None:
+    """Return the true pose X_EO (4, 4) of a simulated free object; None if fixed or unknown."""
+    return prober.X_EO if isinstance(prober, SimulatedProber) else None
 
 
 def make_tracker(scenario: Scenario, prober: Prober) -> PoseTracker | None:

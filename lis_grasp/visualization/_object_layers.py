@@ -11,7 +11,7 @@ import trimesh
 
 from lis_grasp.contacts import HALF_SPACE, Contacts
 from lis_grasp.exceptions import counted
-from lis_grasp.exploration.probe import present_map
+from lis_grasp.exploration.observations import Maps
 from lis_grasp.geometry import apply_pose, inverse_pose, make_pose, tangent_frame
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization import _drawing as drawing
@@ -19,7 +19,7 @@ from lis_grasp.visualization._drawing import OBJECT_NODE, ROOT, Canvas, Layer
 from lis_grasp.visualization.colours import ColourScale, round_up
 
 if TYPE_CHECKING:
-    from lis_grasp.exploration import ProbeOutcome, Region
+    from lis_grasp.exploration import LoggedProbe, ProbeOutcome, Region
 
 TRUTH_COLOUR = "#5f86bd"
 CONTACT_COLOUR, NORMAL_COLOUR = "#ff4d4d", "#f2912c"
@@ -232,30 +232,33 @@ def _edges(bounds: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
 
 
 def motion_paths(
-    outcomes: Sequence[ProbeOutcome], center: FloatArray
+    probes: Sequence[LoggedProbe], center: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the tracked and the true path of a point of the object, each (K, 3) [m].
 
-    They are in the frame of the contacts after the last outcome, where the object's frame is at its
-    final pose; so is the point, `center` (3,). Outcomes before a loss of the object are left out.
+    They are in the frame of the contacts after the last probe, where the object's frame is at its
+    final pose; so is the point, `center` (3,). Probes before a loss of the object are left out.
     """
-    recorded = [
-        o for o in present_map(outcomes) if o.tracked is not None and o.simulated_pose is not None
-    ]
-    if not recorded:
+    frames, made, poses = [], [], []
+    for entry in Maps.of([probe.observation for probe in probes]).present.entries:
+        probe, belief = probes[entry.number], entry.observation.belief
+        before = (
+            probe.observation.belief
+        )  # in whose frame the true pose is; a map may be in another
+        if probe.X_EO is not None and belief is not None and before is not None:
+            frames.append(belief.X_WE)
+            made.append(before.X_WE)
+            poses.append(probe.X_EO)
+    if not frames:
         return np.empty((0, 3)), np.empty((0, 3))
-    frames = np.array(
-        [outcome.tracked.X_WE for outcome in recorded if outcome.tracked]
-    )  # (K, 4, 4)
-    poses = np.array([outcome.simulated_pose for outcome in recorded])  # (K, 4, 4)
-    to_last = inverse_pose(frames[-1]) @ frames
-    in_object = apply_pose(inverse_pose(poses[-1]), center)
-    return apply_pose(to_last, center), apply_pose(to_last @ poses, in_object)
+    X_EW, in_object = inverse_pose(frames[-1]), apply_pose(inverse_pose(poses[-1]), center)
+    tracked = apply_pose(X_EW @ np.array(frames), center)
+    return tracked, apply_pose(X_EW @ np.array(made) @ np.array(poses), in_object)
 
 
-def draw_pose_track(canvas: Canvas, outcomes: Sequence[ProbeOutcome], center: FloatArray) -> None:
+def draw_pose_track(canvas: Canvas, probes: Sequence[LoggedProbe], center: FloatArray) -> None:
     """Draw the tracked and the true path of a point (3,) that touches moved, if they did."""
-    tracked, true = motion_paths(outcomes, center)
+    tracked, true = motion_paths(probes, center)
     reach = max(
         (float(np.ptp(path, axis=0).max()) for path in (tracked, true) if len(path)), default=0.0
     )

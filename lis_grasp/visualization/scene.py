@@ -47,7 +47,7 @@ from lis_grasp.visualization.hand_layers import (
 
 if TYPE_CHECKING:
     from lis_grasp.arms.station import Station
-    from lis_grasp.exploration import ProbeOutcome, Region
+    from lis_grasp.exploration import LoggedProbe, ProbeOutcome, Region
     from lis_grasp.grasping.grasps import Grasp
     from lis_grasp.robots.hand import Hand
 
@@ -98,7 +98,7 @@ class Scene(metaclass=Answering):
         The region that contained the object, on the table z = 0, and the outcomes of the search up
         to the first contact.
     moved
-        The outcomes of an exploration that moved the object.
+        The logged probes of an exploration that moved the object.
     title, headline, summary
         Plain text: a heading, numbers with what they are, and lines that are folded below them.
 
@@ -128,7 +128,7 @@ class Scene(metaclass=Answering):
     obstacles: trimesh.Trimesh | None = None
     region: Region | None = None
     search: Sequence[ProbeOutcome] = ()
-    moved: Sequence[ProbeOutcome] = ()
+    moved: Sequence[LoggedProbe] = ()
     title: str = "lis_grasp"
     headline: Sequence[tuple[str, str]] = ()
     summary: Sequence[str] = ()

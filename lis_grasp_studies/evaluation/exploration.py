@@ -15,10 +15,10 @@ from lis_grasp import Hand, pipeline
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_radius
 from lis_grasp.exploration import begin
-from lis_grasp.exploration.loop import end
+from lis_grasp.exploration.strategy import end
 from lis_grasp.io.json_lines import Row
 from lis_grasp.stages.scenario import place_object
-from lis_grasp.stages.touch import exploration_setup
+from lis_grasp.stages.touch import make_perception, make_strategy
 from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.harness.experiment import Experiment
@@ -56,10 +56,11 @@ def measure_exploration(trial: ExplorationTrial, policy: str) -> list[Row]:
     )
     shape, _ = place_object(find_object(trial.object, Setup()), task)
     scenario = pipeline.Scenario.from_config(task, shape, Hand.load(HAND), recorded={"X_EO": None})
-    outcomes, rows = pipeline.touch(scenario).outcomes, []
+    observations, rows = pipeline.touch(scenario).observations, []
+    perception, strategy = make_perception(scenario.agent.perception), make_strategy(scenario.agent)
     for count in counts:
-        setup = replace(exploration_setup(scenario.agent), touches=count)
-        part = end(setup, begin(setup, outcomes), "").result
+        part_of = replace(strategy, touches=count)
+        part = end(part_of, begin(perception, part_of, observations), "").result
         _, mesh = pipeline.estimate(scenario.agent, part.contacts)
         error, ends = surface_error(mesh, shape, samples=2000), end_errors(mesh, shape.mesh)
         coverage = reachable_coverage(

@@ -16,7 +16,7 @@ from lis_grasp import pipeline
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.exceptions import EstimationError
-from lis_grasp.exploration import STEP_FRACTION, ProbeOutcome
+from lis_grasp.exploration import STEP_FRACTION, Observation
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io.json_lines import Row
 from lis_grasp.results.progress import Stopwatch
@@ -26,6 +26,7 @@ from lis_grasp.stages.estimate import Perception, SurfaceEstimate
 from lis_grasp.stages.plan import plan_grasps
 from lis_grasp.stages.regrasp import Stages, grasp_with_tactile_check
 from lis_grasp.stages.scenario import Scenario
+from lis_grasp.stages.touch import make_prober, true_pose
 from lis_grasp.surfaces.estimators import find_estimator
 from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
@@ -230,7 +231,8 @@ def _fill_grasp(row: Row, task: GraspTask, watch: Stopwatch) -> None:
 class _Explored:
     """Progress of an exploration."""
 
-    outcomes: tuple[ProbeOutcome, ...] = ()
+    observations: tuple[Observation, ...] = ()
+    X_EO: FloatArray | None = None  # of a free object after them
     touched: dict[int, Touched] = field(default_factory=dict)
     """By the number of contacts that were requested."""
     seconds: float = 0.0
@@ -249,14 +251,17 @@ def touch(trial: Trial, explorer: str) -> Touched:
         return known.touched[trial.touches]
     begun = time.perf_counter()
     if trial.touches < max(known.touched, default=0):  # the order of a study is from small to large
-        known.outcomes, known.seconds = (), 0.0
+        known.observations, known.X_EO, known.seconds = (), None, 0.0
         known.touched.clear()
     config = _with_noise(trial, estimator=explorer, touches=trial.touches)
     scenario = scenario_at(config, trial.find_object(), Hand.load(trial.hand))
-    exploration = pipeline.touch(scenario, recorded=known.outcomes)
-    known.outcomes = exploration.outcomes
+    if known.X_EO is not None:
+        scenario = scenario.moved(known.X_EO)
+    prober = make_prober(scenario, known.observations)
+    exploration = pipeline.touch(scenario, prober=prober, recorded=known.observations)
+    known.observations, known.X_EO = exploration.observations, true_pose(prober)
     known.seconds += time.perf_counter() - begun
-    touched = Touched(exploration.contacts, exploration.simulated_pose, known.seconds)
+    touched = Touched(exploration.contacts, known.X_EO, known.seconds)
     known.touched[trial.touches] = touched
     return touched
 

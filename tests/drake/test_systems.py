@@ -27,7 +27,14 @@ from lis_grasp.drake import (
     add_object,
 )
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import ExplorationSetup, TactileSensor, Workspace, begin, choose
+from lis_grasp.exploration import (
+    ExplorationStrategy,
+    TactilePerception,
+    TactileSensor,
+    Workspace,
+    begin,
+    choose,
+)
 from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
 from lis_grasp.simulation import DynamicProber
 from lis_grasp.simulation.drake.hand_plant import PROBING_SKIN
@@ -61,17 +68,14 @@ def test_each_touch_is_the_next_probe_of_the_exploration_and_that_of_the_prober(
     exploration = own.value(own.explorer.exploration)
     outcomes, sensor = exploration.outcomes, TactileSensor()
     assert exploration.ended == f"{TOUCHES} contacts made"
-    setup = ExplorationSetup(
-        make_policy("spread", own.space, sensor),
-        Perception(sensor=sensor).make,
-        TOUCHES,
-        space=own.space,
-        sensor=sensor,
-    )
+    perception = TactilePerception(Perception(sensor=sensor).make, sensor=sensor)
+    policy = make_policy("spread", own.space, sensor)
+    strategy = ExplorationStrategy(policy, TOUCHES, space=own.space)
     true_mesh = BOX.copy().apply_translation(own.center)
     prober, rng = DynamicProber(own.in_plant.hand, true_mesh), np.random.default_rng(0)
     for k, outcome in enumerate(outcomes):
-        chosen = choose(setup, begin(setup, outcomes[:k]), rng=rng.spawn(1)[0])
+        state = begin(perception, strategy, exploration.observations[:k])
+        chosen = choose(strategy, state, rng=rng.spawn(1)[0])
         for name in ("target", "direction", "standoff", "overshoot"):
             np.testing.assert_array_equal(getattr(chosen.probe, name), getattr(outcome.probe, name))
         same = prober.probe(chosen.probe, chosen.obstacles)
@@ -81,7 +85,6 @@ def test_each_touch_is_the_next_probe_of_the_exploration_and_that_of_the_prober(
         assert apart < 1.5e-3  # the wrist lags by 1.5 mm and bends at a touch
         cosine = same.contacts.normals[0] @ outcome.contacts.normals[0]
         assert cosine > np.cos(np.deg2rad(1.0))
-    assert setup.space is not None
 
 
 def test_the_estimate_is_that_of_the_contacts(own: OwnDiagram) -> None:

@@ -46,7 +46,7 @@ class MovingObjectProber:
             outcome = replace(outcome, status="touched", contacts=contacts)
             self._touches += 1
             self.X_EO = self._motion(self._touches, outcome) @ self.X_EO
-        return replace(outcome, simulated_pose=self.X_EO)
+        return outcome
 
 
 def pushed_by(distance: float) -> Motion:

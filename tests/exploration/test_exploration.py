@@ -16,12 +16,13 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import (
     STEP_FRACTION,
     Exploration,
-    ExplorationSetup,
     ExplorationState,
+    ExplorationStrategy,
     HandPose,
     NextProbe,
     Probe,
     ProbeOutcome,
+    TactilePerception,
     TargetPolicy,
     Workspace,
     advance,
@@ -92,7 +93,8 @@ def explored(
     shape = shapes.build(name, size)
     exploration = explore(
         RayProber(shape.mesh),
-        ExplorationSetup(policy_for(shape), ESTIMATORS[estimator], touches=touches),
+        TactilePerception(ESTIMATORS[estimator]),
+        ExplorationStrategy(policy_for(shape), touches),
         rng=np.random.default_rng(seed),
     )
     return shape, exploration
@@ -228,8 +230,9 @@ def touch_at(*heights: float) -> Contacts:
 
 
 def run(script: Scripted, touches: int, **options: object) -> Exploration:
-    setup = ExplorationSetup(script, lambda contacts: Ball(1.0), touches)
-    return explore(script, setup, rng=np.random.default_rng(0), **options)
+    perception = TactilePerception(lambda contacts: Ball(1.0))
+    strategy = ExplorationStrategy(script, touches)
+    return explore(script, perception, strategy, rng=np.random.default_rng(0), **options)
 
 
 def test_an_exploration_ends_with_the_wanted_number_of_contacts() -> None:
@@ -262,12 +265,14 @@ def test_the_policy_gets_all_contacts_and_outcomes() -> None:
 
 def test_the_steps_are_the_first_state_one_for_each_probe_and_the_end() -> None:
     script = Scripted([touch_at(0.0), Contacts.empty(), touch_at(0.0001), touch_at(0.1, 0.2)])
-    setup = ExplorationSetup(script, lambda contacts: Ball(1.0), 3)
-    states = list(explore_steps(script, setup))
+    perception = TactilePerception(lambda contacts: Ball(1.0))
+    strategy = ExplorationStrategy(script, 3)
+    states = list(explore_steps(script, perception, strategy))
     assert [len(state.contacts) for state in states] == [0, 1, 1, 1, 3, 3]
     assert [len(state.contacts) for state in states[:-1] if state.is_new] == [1, 3]
     assert [state.ended for state in states] == [*[""] * 5, "3 contacts made"]
-    resumed = list(explore_steps(script, setup, recorded=states[2].outcomes))
+    start = begin(perception, strategy, states[2].observations)
+    resumed = list(explore_steps(script, perception, strategy, start=start))
     assert len(resumed[0].outcomes) == 2
 
 
@@ -385,9 +390,11 @@ def test_exploration_does_not_depend_on_scale_and_position() -> None:
     for mesh, factor, center in ((shape.mesh, 1.0, np.zeros(3)), (moved, 10.0, offset)):
         exploration = explore(
             RayProber(mesh),
-            ExplorationSetup(
+            TactilePerception(
+                lambda contacts, factor=factor, center=center: Ball(0.045 * factor, center)
+            ),
+            ExplorationStrategy(
                 TargetPolicy(Workspace(step=0.025 * factor, center=center, size=0.1 * factor)),
-                lambda contacts, factor=factor, center=center: Ball(0.045 * factor, center),
                 touches=25,
             ),
             rng=np.random.default_rng(0),
@@ -400,10 +407,9 @@ def test_exploration_does_not_depend_on_scale_and_position() -> None:
 def test_an_exploration_without_contacts_ends(status: str) -> None:
     exploration = explore(
         NeverProber(status),
-        ExplorationSetup(
-            TargetPolicy(Workspace(step=0.03, center=np.zeros(3), size=0.12)),
-            ESTIMATORS["lis"],
-            touches=5,
+        TactilePerception(ESTIMATORS["lis"]),
+        ExplorationStrategy(
+            TargetPolicy(Workspace(step=0.03, center=np.zeros(3), size=0.12)), touches=5
         ),
         rng=np.random.default_rng(0),
     )
@@ -418,7 +424,8 @@ def test_a_target_is_not_tried_twice_from_the_same_side() -> None:
     prober = RayProber(shape.mesh)
     explore(
         prober,
-        ExplorationSetup(policy_for(shape), ESTIMATORS["lis"], touches=14),
+        TactilePerception(ESTIMATORS["lis"]),
+        ExplorationStrategy(policy_for(shape), touches=14),
         rng=np.random.default_rng(3),
     )
     tries = prober.probes[6:]
@@ -475,7 +482,7 @@ def test_the_first_contacts_have_the_free_space_known_by_then() -> None:
 def test_a_replay_knows_nothing_of_later_probes(touches: int) -> None:
     answers = [touch_at(0.0), Contacts.empty(), touch_at(0.1, 0.2), Contacts.empty()]
     exploration, shorter = run(Scripted(answers), 5), run(Scripted(answers), touches)
-    replayed = Exploration.replay(exploration.outcomes, touches=touches)
+    replayed = Exploration.replay(exploration.observations, touches=touches)
     first = exploration.first(touches)
     assert len(replayed.outcomes) == len(shorter.outcomes)
     assert replayed.duration == shorter.duration
@@ -490,14 +497,15 @@ def test_a_replay_knows_nothing_of_later_probes(touches: int) -> None:
 def test_steps_are_repeated_from_any_earlier_state() -> None:
     shape = shapes.build("box")
     prober = RayProber(shape.mesh)
-    setup = ExplorationSetup(policy_for(shape), ESTIMATORS["gpis"], touches=9)
+    perception = TactilePerception(ESTIMATORS["gpis"])
+    strategy = ExplorationStrategy(policy_for(shape), touches=9)
 
     def step_on(state: ExplorationState, outcome: ProbeOutcome, seed: int) -> tuple:
-        state = advance(setup, state, outcome)
-        return state, choose(setup, state, rng=np.random.default_rng(seed))
+        state = advance(perception, state, outcome)
+        return state, choose(strategy, state, rng=np.random.default_rng(seed))
 
-    first = choose(setup, begin(setup), rng=np.random.default_rng(0))
-    states, chosen = [begin(setup)], [first]
+    states = [begin(perception, strategy)]
+    chosen = [choose(strategy, states[0], rng=np.random.default_rng(0))]
     while isinstance(chosen[-1], NextProbe):
         outcome = prober.probe(chosen[-1].probe)
         state, following = step_on(states[-1], outcome, len(states))

@@ -1,7 +1,6 @@
 """Extent of an object on a table: its ends are found, named while they are sought, and closed."""
 
 from dataclasses import replace
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,16 +10,18 @@ import trimesh
 from lis_grasp.contacts import HALF_SPACE, Contacts
 from lis_grasp.exploration import (
     Exploration,
-    ExplorationSetup,
+    ExplorationStrategy,
+    Observation,
     Probe,
     ProbeOutcome,
     Region,
+    TactilePerception,
     TactileSensor,
     begin,
     explore,
 )
 from lis_grasp.exploration.extent import ends_of, extent_probe, open_ends, unseen_ends
-from lis_grasp.exploration.loop import choose
+from lis_grasp.exploration.strategy import choose
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.stages.touch import make_policy
@@ -37,17 +38,22 @@ def touched(point: np.ndarray, normal: np.ndarray) -> ProbeOutcome:
     return ProbeOutcome(Probe(point, -normal, 0.1, 0.05), "touched", contacts)
 
 
+def replayed(outcomes: list[ProbeOutcome]) -> Exploration:
+    return Exploration.replay(list(map(Observation, outcomes)))
+
+
 def probe_after(outcomes: list[ProbeOutcome]) -> Probe | None:
-    contacts = Exploration.replay(outcomes).contacts
+    contacts = replayed(outcomes).contacts
     return extent_probe(REGION.fitted_to(contacts), contacts, outcomes)
 
 
 def explored(mesh: trimesh.Trimesh, seed: int, touches: int = 8) -> Exploration:
     """Explore an object in a region."""
-    setup = ExplorationSetup(
-        make_policy("spread", Region(), TactileSensor()), ESTIMATORS["gpis"], touches, Region()
+    strategy = ExplorationStrategy(
+        make_policy("spread", Region(), TactileSensor()), touches, Region()
     )
-    return explore(KinematicProber(Hand.load("allegro"), mesh), setup, rng=seed)
+    prober = KinematicProber(Hand.load("allegro"), mesh)
+    return explore(prober, TactilePerception(ESTIMATORS["gpis"]), strategy, rng=seed)
 
 
 def bar_on_table() -> trimesh.Trimesh:
@@ -110,14 +116,13 @@ def test_a_motion_down_that_cannot_begin_begins_higher_and_tall_objects_need_no_
 def test_an_end_is_sought_until_a_contact_faces_out_or_three_motions_failed() -> None:
     sides = [touched(np.array([0.0, y, 0.02]), np.sign(y) * Y) for y in (-0.02, 0.02)]
     near = touched(np.array([-0.1, 0.0, 0.02]), -X)
-    space_of = partial(Exploration.replay)
-    contacts = space_of([*sides, near]).contacts
+    contacts = replayed([*sides, near]).contacts
     space = REGION.fitted_to(contacts)
     assert [bool(e.is_open) for e in ends_of(space, contacts, [*sides, near])].count(True) == 1
     assert "x = 0," in open_ends(space, contacts, [*sides, near])
     missed = ProbeOutcome(Probe(np.array([0.0, 0.0, 0.02]), -X, 0.1, 0.05), "missed")
     assert open_ends(space, contacts, [*sides, near, missed, missed, missed]) == ""
-    both = space_of([*sides, near, touched(np.array([0.1, 0.0, 0.02]), X)])
+    both = replayed([*sides, near, touched(np.array([0.1, 0.0, 0.02]), X)])
     assert open_ends(space, both.contacts, both.outcomes) == ""
 
 
@@ -159,14 +164,15 @@ def test_a_sweep_beyond_the_end_of_a_long_object_opens_it_again_where_it_touches
 
 def test_a_stop_rule_waits_for_the_ends_and_the_reason_names_them() -> None:
     bar = trimesh.creation.box((0.24, 0.03, 0.03)).apply_translation([0.0, 0.0, 0.015])
-    setup = ExplorationSetup(
+    perception = TactilePerception(ESTIMATORS["gpis"])
+    strategy = ExplorationStrategy(
         make_policy("spread", Region(), TactileSensor()),
-        ESTIMATORS["gpis"],
         20,
         Region(),
         stop=[lambda contacts, surface, outcomes: "at once"],
     )
-    ended = explore(KinematicProber(Hand.load("allegro"), bar), setup, rng=1)
+    prober = KinematicProber(Hand.load("allegro"), bar)
+    ended = explore(prober, perception, strategy, rng=1)
     assert ended.ended == "at once"
     assert np.ptp(ended.contacts.points[:, 0]) > 0.23
     found = explored(bar, 1, touches=2)
@@ -175,6 +181,7 @@ def test_a_stop_rule_waits_for_the_ends_and_the_reason_names_them() -> None:
     space = Region(tip_radius=0.004)
     nothing_left = SimpleNamespace(next_probe=lambda *_, **__: None)
     for count, ended in ((0, "the policy has no probe left; not"), (32, "34 probes made; not")):
-        setup = ExplorationSetup(nothing_left, ESTIMATORS["gpis"], 3, space)
-        state = begin(setup, [missed] * count + list(found.outcomes))
-        assert str(choose(setup, state, rng=np.random.default_rng(0))).startswith(ended)
+        strategy = ExplorationStrategy(nothing_left, 3, space)
+        recorded = [Observation(missed)] * count + list(found.observations)
+        state = begin(perception, strategy, recorded)
+        assert str(choose(strategy, state, rng=np.random.default_rng(0))).startswith(ended)

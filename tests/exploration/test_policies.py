@@ -11,9 +11,10 @@ from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_radius
 from lis_grasp.exploration import (
     POLICIES,
     Exploration,
-    ExplorationSetup,
+    ExplorationStrategy,
     Probe,
     ProbeOutcome,
+    TactilePerception,
     TactileSensor,
     TargetPolicy,
     Workspace,
@@ -170,12 +171,8 @@ def test_bars_and_plates_are_covered_with_few_missed_probes(
     hand, space = Hand.load("allegro"), workspace(shape)
     exploration = explore(
         KinematicProber(hand, mesh),
-        ExplorationSetup(
-            make_policy("spread", space, TactileSensor()),
-            ESTIMATORS["blend"],
-            touches=40,
-            space=space,
-        ),
+        TactilePerception(ESTIMATORS["blend"]),
+        ExplorationStrategy(make_policy("spread", space, TactileSensor()), touches=40, space=space),
         rng=np.random.default_rng(0),
     )
     assert len(exploration.contacts) == 40
@@ -192,11 +189,11 @@ def explored(name: str, policy: str) -> tuple[trimesh.Trimesh, Exploration]:
     kind = POLICIES[policy]
     exploration = explore(
         KinematicProber(Hand.load("allegro"), shape.mesh),
-        ExplorationSetup(
+        TactilePerception(ESTIMATORS["gpis"]),
+        ExplorationStrategy(
             TargetPolicy(
                 space, kind.select, ESTIMATORS["gpis"] if kind.uses_gaussian_process else None
             ),
-            ESTIMATORS["gpis"],
             touches=16,
             space=space,
         ),

@@ -1,8 +1,8 @@
 """Pose tracking: pushes are learned, motion is followed, and a lost object is noticed."""
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,13 +14,19 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.exploration import (
     Exploration,
-    ExplorationSetup,
+    ExplorationState,
+    ExplorationStrategy,
     HandPose,
+    Landmark,
+    Observation,
     PoseTracker,
     Probe,
     ProbeOutcome,
+    TactilePerception,
     TargetPolicy,
     TouchLog,
+    begin,
+    begin_again,
     explore,
 )
 from lis_grasp.exploration.planar_motion import (
@@ -33,8 +39,8 @@ from lis_grasp.exploration.policy import farthest
 from lis_grasp.geometry import apply_inverse
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp.stages.scenario import known_place as workspace
-from lis_grasp.surfaces import ESTIMATORS
+from lis_grasp.stages.scenario import workspace
+from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
 
 ALONG_X = Push(np.array([1.0, 0.0, 0.0]), np.diag([1.0, 1.0, 400.0]))
 SIDE = np.array([-0.03, 0.0, 0.02]), np.array([-1.0, 0.0, 0.0])  # pushed along +x
@@ -43,6 +49,22 @@ PROBE = Probe([-0.03, 0.0, 0.02], [1.0, 0.0, 0.0], 0.02, 0.02)
 
 def touched_at(x: float) -> ProbeOutcome:
     return ProbeOutcome(PROBE, "touched", Contacts([[x, 0.0, 0.02]], [[-1.0, 0.0, 0.0]]))
+
+
+def never(contacts: Contacts) -> ImplicitSurface:
+    raise AssertionError  # an estimate that no test uses
+
+
+def state_after(*observations: Observation) -> ExplorationState:
+    """Return the state of a tracked object after observations."""
+    return begin(TactilePerception(never, tracker=PoseTracker()), recorded=observations)
+
+
+def on_five_contacts(state: ExplorationState) -> ExplorationState:
+    """Return a state with five contacts, and no estimate of them."""
+    point, normal = np.array([[-0.03, 0.0, 0.02]]), np.array([[-1.0, 0.0, 0.0]])
+    five = Contacts(np.tile(point, (5, 1)), np.tile(normal, (5, 1)))
+    return replace(state, contacts=five, estimated=None)
 
 
 def test_variances_are_those_of_displaced_points() -> None:
@@ -90,23 +112,24 @@ def test_a_push_from_above_moves_nothing() -> None:
 
 def test_a_contact_stays_where_the_hand_found_it_when_the_object_moves_on() -> None:
     tracker = PoseTracker()
-    first, frames = tracker.track(touched_at(-0.03), (), Contacts.empty(), None, repeated=False)
+    first, frames = tracker.track(touched_at(-0.03), state_after())
     # The frame follows the expected push, the contact only its part before the detection.
     x = (frames[0] @ frames[1])[0, 3]
     assert x > 1e-4
-    assert -0.03 - 0.4 * x < first.contacts.points[0, 0] <= -0.03
+    assert -0.03 - 0.4 * x < first.outcome.contacts.points[0, 0] <= -0.03
     # Found at the same place of the hand's: nothing has moved, and the frame goes back.
-    here = -0.03 - x
-    again, _ = tracker.track(touched_at(here), [first], first.contacts, None, repeated=True)
+    here, state = -0.03 - x, state_after(first)
+    assert state.again is not None
+    again, _ = tracker.track(touched_at(here), state)
     # The second touch may push too, now on a known scale.
-    assert again.tracked.X_WE[0, 3] < 0.5 * x
+    assert again.belief.X_WE[0, 3] < 0.5 * x
 
 
 def test_an_uncertain_place_is_probed_again_at_once() -> None:
     tracker = PoseTracker()
-    assert tracker.probe_again(()) is None
-    first, _ = tracker.track(touched_at(-0.03), (), Contacts.empty(), None, repeated=False)
-    again = tracker.probe_again([first])
+    assert tracker.probe_again(state_after()) is None
+    first, _ = tracker.track(touched_at(-0.03), state_after())
+    again = tracker.probe_again(state_after(first))
     np.testing.assert_array_equal(again.target, PROBE.target)
     assert again.overshoot > PROBE.overshoot
 
@@ -115,37 +138,51 @@ def test_of_25_touches_five_repeat_others_unless_a_contact_could_not_be_used() -
     tracker, made = PoseTracker(), []
     uncertain = PoseBelief.start().loosened(np.array([1.9e-3, 1.9e-3, 0.0]))
     for k in range(25):
-        again = tracker.probe_again(made)
+        again = tracker.probe_again(state_after(*made))
         belief = replace(uncertain, repeated=again is not None, suspicious=k % 2 == 0)
-        made.append(replace(touched_at(-0.03 - 0.01 * k), tracked=belief))
+        made.append(Observation(touched_at(-0.03 - 0.01 * k), belief))
     # The first shows at once whether touches move the object, the second after the next touch.
-    assert [k for k, outcome in enumerate(made) if outcome.repeated] == [1, 3, 7, 13, 19]
+    assert [k for k, one in enumerate(made) if one.is_repeated] == [1, 3, 7, 13, 19]
     unusable = PoseBelief.start().loosened(np.array([5e-3, 5e-3, 0.0]))
-    assert tracker.probe_again([*made[:-1], replace(made[-1], tracked=unusable)]) is not None
+    last = replace(made[-1], belief=unusable)
+    assert tracker.probe_again(state_after(*made[:-1], last)) is not None
     elsewhere = replace(PROBE, target=PROBE.target + 0.1)
     doubt = replace(uncertain, trust="doubted", count=1)
-    doubted = replace(made[-1], probe=elsewhere, tracked=doubt)
-    assert tracker.probe_again([*made[:-1], doubted]) is not None
+    doubted = Observation(replace(made[-1].outcome, probe=elsewhere), doubt)
+    assert tracker.probe_again(state_after(*made[:-1], doubted)) is not None
+
+
+def test_a_landmark_from_before_is_touched_again_and_is_no_outcome() -> None:
+    landmark = Landmark(PROBE, touched_at(-0.03).contacts)
+    perception = TactilePerception(never, tracker=PoseTracker())
+    strategy = ExplorationStrategy(SimpleNamespace(next_probe=None), touches=None)
+    uncertain = PoseBelief.start().loosened(np.array([5e-3, 5e-3, 0.0]))
+    for belief, is_uncertain in ((PoseBelief.start(), False), (uncertain, True)):
+        state = begin_again(perception, strategy, [landmark], belief)
+        np.testing.assert_array_equal(state.known.points, landmark.contact.points)
+        assert state.outcomes == ()
+        assert (state.again is not None) is is_uncertain
+    np.testing.assert_array_equal(state.again.target, PROBE.target)
 
 
 def test_contacts_before_a_loss_wait_until_the_object_is_found(tmp_path: Path) -> None:
     start, X_FE = PoseBelief.start(), planar_pose(np.array([0.2, 0.1, 0.5 * np.pi]))
-    before = [replace(touched_at(x), tracked=start) for x in (-0.03, -0.05, -0.07)]
+    before = [Observation(touched_at(x), start) for x in (-0.03, -0.05, -0.07)]
     # A contact felt in doubt, in a frame 1 mm behind that of the loss, belongs to the new map.
     X_WE = planar_pose(np.array([-0.001, 0.0, 0.0]))
     behind = replace(start, X_WE=X_WE, trust="doubted", count=1)
-    felt = replace(touched_at(0.201), status="blocked", tracked=replace(behind, repeated=True))
-    lost = replace(touched_at(0.1), tracked=replace(start, trust="lost"))
+    felt = Observation(replace(touched_at(0.201), status="blocked"), replace(behind, repeated=True))
+    lost = Observation(touched_at(0.1), replace(start, trust="lost"))
     exploration = Exploration.replay([*before, felt, lost])
     np.testing.assert_allclose(exploration.contacts.points[:, 0], [0.2, 0.1], atol=1e-12)
     made_by = [touch.contacts.points[0, 0] for touch in exploration.touches]
     assert made_by == pytest.approx([0.2, 0.1])
-    found = replace(touched_at(0.3), tracked=replace(start, trust="lost")).on_map(X_FE)
-    found = replace(found, tracked=replace(start, X_WE=X_FE, joined=X_FE))
+    found = Observation(touched_at(0.3), replace(start, trust="lost")).on_map(X_FE)
+    found = replace(found, belief=replace(start, X_WE=X_FE, joined=X_FE))
     log = TouchLog(tmp_path / "touches.jsonl", {})
-    for outcome in (*before, felt, lost, found):
-        log.append(outcome)
-    joined = Exploration.replay(log.read().outcomes).contacts.points
+    for observation in (*before, felt, lost, found):
+        log.append(observation)
+    joined = Exploration.replay(log.read().observations).contacts.points
     new = np.array([[0.2, 0.0, 0.02], [0.1, 0.0, 0.02], [0.3, 0.0, 0.02]])
     np.testing.assert_allclose(joined[:3, 0], [-0.03, -0.05, -0.07], atol=1e-12)
     np.testing.assert_allclose(joined[3:], apply_inverse(X_FE, new), atol=1e-12)
@@ -153,27 +190,24 @@ def test_contacts_before_a_loss_wait_until_the_object_is_found(tmp_path: Path) -
 
 def test_a_repetition_that_misses_shows_a_large_motion() -> None:
     tracker, start = PoseTracker(), PoseBelief.start()
-    made = [replace(touched_at(x), tracked=start) for x in (-0.03, -0.05, -0.07)]
-    known, missed = Exploration.replay(made).contacts, ProbeOutcome(PROBE, "missed")
-    for repeated in (True, False):
-        outcome, _ = tracker.track(missed, made, known, None, repeated=repeated)
-        assert (outcome.tracked.trust == "doubted") is repeated
+    state = state_after(*(Observation(touched_at(x), start) for x in (-0.03, -0.05, -0.07)))
+    for again in (PROBE, None):
+        missed, _ = tracker.track(ProbeOutcome(PROBE, "missed"), replace(state, again=again))
+        assert missed.is_doubted is (again is not None)
 
 
 def test_an_object_that_a_dozen_probes_miss_is_searched_again() -> None:
     tracker = PoseTracker()
-    made = [tracker.track(touched_at(-0.03), (), Contacts.empty(), None, repeated=False)[0]]
+    made = [tracker.track(touched_at(-0.03), state_after())[0]]
     missed = ProbeOutcome(PROBE, "missed")
-    known = Exploration.replay(made).contacts
-    while not made[-1].lost:
+    while not made[-1].is_lost:
         assert len(made) < 13
-        made.append(tracker.track(missed, made, known, None, repeated=False)[0])
+        made.append(tracker.track(missed, replace(state_after(*made), again=None))[0])
     assert len(made) == 13
     assert not len(Exploration.replay(made).contacts)
     # With five contacts, only free space and repetitions show a motion.
-    five = Contacts(np.tile(known.points, (5, 1)), np.tile(known.normals, (5, 1)))
-    again, _ = tracker.track(missed, made[:12], five, None, repeated=False)
-    assert not again.lost
+    five = replace(on_five_contacts(state_after(*made[:12])), again=None)
+    assert not tracker.track(missed, five)[0].is_lost
 
 
 def test_the_contact_that_shows_a_loss_has_the_noise_of_the_sensor() -> None:
@@ -181,28 +215,26 @@ def test_the_contact_that_shows_a_loss_has_the_noise_of_the_sensor() -> None:
     tracker = PoseTracker(position_noise=5e-4)
     uncertain = PoseBelief.start().loosened(np.array([0.015, 0.015, 0.3]))
     doubtful = replace(uncertain, trust="doubted", count=6)
-    known = touched_at(-0.03).contacts
-    five = Contacts(np.tile(known.points, (5, 1)), np.tile(known.normals, (5, 1)))
-    before = ProbeOutcome(PROBE, "missed", tracked=doubtful)
-    found, _ = tracker.track(touched_at(-0.07), [before], five, None, repeated=False)
-    assert found.lost
-    np.testing.assert_array_equal(found.contacts.position_noise, [5e-4])
+    state = on_five_contacts(state_after(Observation(ProbeOutcome(PROBE, "missed"), doubtful)))
+    found, _ = tracker.track(touched_at(-0.07), state)
+    assert found.is_lost
+    np.testing.assert_array_equal(found.outcome.contacts.position_noise, [5e-4])
 
 
 def test_repeated_probes_add_no_contacts() -> None:
-    repeated = replace(touched_at(-0.05), tracked=replace(PoseBelief.start(), repeated=True))
-    assert len(Exploration.replay([touched_at(-0.03), repeated]).contacts) == 1
+    repeated = Observation(touched_at(-0.05), replace(PoseBelief.start(), repeated=True))
+    first = Observation(touched_at(-0.03))
+    assert len(Exploration.replay([first, repeated]).contacts) == 1
 
 
 def test_the_log_keeps_both_poses_to_the_last_bit(tmp_path: Path) -> None:
     log = TouchLog(tmp_path / "touches.jsonl", {})
     belief = PoseBelief.start().pushed(ALONG_X, detected=False).measured(*SIDE, -0.001, 1e-8)
     belief, X_EF = belief.centered()
-    written = replace(touched_at(-0.03), tracked=belief, simulated_pose=X_EF)
-    log.append(written)
-    (read,) = log.read().outcomes
-    assert read.tracked.as_dict() == belief.as_dict()
-    np.testing.assert_array_equal(read.simulated_pose, X_EF)
+    log.append(Observation(touched_at(-0.03), belief), X_EF)
+    (read,) = log.read().probes
+    assert read.observation.belief.as_dict() == belief.as_dict()
+    np.testing.assert_array_equal(read.X_EO, X_EF)
     text = log.path.read_text()
     for wrong in ('"a"', "2"):  # no rotation
         log.path.write_text(text.replace('"X_WE": [[1', f'"X_WE": [[{wrong}', 1))
@@ -216,7 +248,6 @@ def test_an_outcome_in_another_frame_is_the_same_touch() -> None:
         touched_at(-0.03),
         free_points=[[0.1, 0.2, 0.3]],
         hand_pose=HandPose(planar_pose(np.array([0.1, 0.0, 0.2])), np.zeros(2)),
-        simulated_pose=np.eye(4),
     )
     moved = outcome.in_frame(X_EF)
     back = moved.in_frame(np.linalg.inv(X_EF))
@@ -228,7 +259,6 @@ def test_an_outcome_in_another_frame_is_the_same_touch() -> None:
     )
     np.testing.assert_allclose(back.free_points, outcome.free_points, atol=1e-15)
     np.testing.assert_allclose(back.hand_pose.X_OH, outcome.hand_pose.X_OH, atol=1e-15)
-    np.testing.assert_allclose(back.simulated_pose, np.eye(4), atol=1e-15)
 
 
 def explored(name: str, motion: Motion, *, tracked: bool) -> tuple[Exploration, float]:
@@ -238,12 +268,9 @@ def explored(name: str, motion: Motion, *, tracked: bool) -> tuple[Exploration, 
     space = workspace(shape, on_table=True)
     exploration = explore(
         prober,
-        ExplorationSetup(
-            TargetPolicy(space, farthest, ESTIMATORS["gpis"]),
-            partial(ESTIMATORS["blend"]),
-            touches=16,
-            space=space,
-            tracker=PoseTracker() if tracked else None,
+        TactilePerception(ESTIMATORS["blend"], tracker=PoseTracker() if tracked else None),
+        ExplorationStrategy(
+            TargetPolicy(space, farthest, ESTIMATORS["gpis"]), touches=16, space=space
         ),
         rng=np.random.default_rng(0),
     )

@@ -6,9 +6,9 @@ import trimesh
 from scipy.spatial.distance import cdist
 
 from lis_grasp import Contacts, shapes
+from lis_grasp.exploration.deferred_estimate import DeferredEstimate
 from lis_grasp.exploration.planar_motion import planar_pose
 from lis_grasp.exploration.registration import CONTACT_ERROR, find_displacement
-from lis_grasp.exploration.workspace import Estimate
 from lis_grasp.geometry import apply_pose, inverse_pose, unit
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ESTIMATORS
@@ -35,7 +35,7 @@ def _misplaced(name: str, touched: float, seed: int, counts: range) -> list[floa
     rng, mesh = np.random.default_rng(seed), shapes.build(name, None).mesh
     known = _around(mesh, 24, rng)
     known = known.subset(np.flatnonzero(known.points[:, 0] > touched * mesh.bounds[1, 0]))
-    estimate = Estimate(ESTIMATORS["blend"], known)
+    estimate = DeferredEstimate(ESTIMATORS["blend"], known)
     X = planar_pose(np.append(rng.uniform(-0.15, 0.15, 2), rng.uniform(-np.pi, np.pi)))
     contacts = _around(mesh, counts[-1], rng).in_frame(np.linalg.inv(X))
     order, off = rng.permutation(len(contacts)), []
@@ -69,7 +69,7 @@ def test_what_half_a_map_does_not_tell_is_hardly_ever_guessed() -> None:
 
 def test_contacts_of_another_object_or_of_one_side_tell_nothing() -> None:
     rng, mesh = np.random.default_rng(0), shapes.build("box", None).mesh
-    estimate = Estimate(ESTIMATORS["blend"], _around(mesh, 24, rng))
+    estimate = DeferredEstimate(ESTIMATORS["blend"], _around(mesh, 24, rng))
     contacts = _around(mesh, 16, rng)
     assert find_displacement(contacts, estimate) is not None
     larger = Contacts(contacts.points * [1.3, 1.3, 1.0], contacts.normals)

@@ -11,9 +11,12 @@ from lis_grasp import Hand, shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import (
-    ExplorationSetup,
+    ExplorationState,
+    ExplorationStrategy,
+    Observation,
     Probe,
     ProbeOutcome,
+    TactilePerception,
     Workspace,
     explore,
     stop_after,
@@ -24,7 +27,7 @@ from lis_grasp.exploration import (
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.pipeline import RunConfig, Scenario
 from lis_grasp.stages.touch import stop_rules
-from lis_grasp.surfaces import GaussianProcessImplicitSurface, ImplicitSurface
+from lis_grasp.surfaces import GaussianProcessImplicitSurface
 
 BOX, HAND = shapes.build("box"), Hand.load("allegro")
 RADIUS = 0.05
@@ -99,7 +102,7 @@ def test_a_good_grasp_ends_the_exploration_if_two_more_contacts_confirm_it() -> 
 @pytest.mark.parametrize("lost_at", [None, 9])
 def test_a_resumed_exploration_ends_at_the_same_prediction(lost_at: int | None) -> None:
     class Line:
-        """A prober and policy that touch along a line."""
+        """A prober, policy and tracker that touch along a line."""
 
         def next_probe(self, *_: object, **__: object) -> Probe:
             return Probe([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 0.03, 0.02)
@@ -107,10 +110,17 @@ def test_a_resumed_exploration_ends_at_the_same_prediction(lost_at: int | None) 
         def probe(self, probe: Probe, obstacles: object) -> ProbeOutcome:
             self.made += 1
             contact = Contacts([[0.0, 0.0, 0.01 * self.made]], [[0.0, 0.0, 1.0]])
-            belief = replace(
-                PoseBelief.start(), trust="lost" if self.made == lost_at else "trusted"
-            )
-            return ProbeOutcome(probe, "touched", contact, tracked=belief)
+            return ProbeOutcome(probe, "touched", contact)
+
+        def move_frame(self, X_EF: np.ndarray) -> None:
+            """Nothing moves."""
+
+        def probe_again(self, state: ExplorationState) -> None:
+            return None
+
+        def track(self, outcome: ProbeOutcome, state: ExplorationState) -> tuple:
+            trust = "lost" if self.made == lost_at else "trusted"
+            return Observation(outcome, replace(PoseBelief.start(), trust=trust)), ()
 
         def __init__(self, made: int) -> None:
             self.made = made
@@ -119,29 +129,29 @@ def test_a_resumed_exploration_ends_at_the_same_prediction(lost_at: int | None) 
         """Return an estimate that tells the number of its contacts."""
         return Analytic(lambda p: np.full(p.shape[:-1], float(len(contacts))), cube_bounds(0.06))
 
-    def explored(recorded: Sequence[ProbeOutcome]) -> tuple[int, int]:
+    def explored(recorded: Sequence[Observation]) -> tuple[int, int]:
         asked = []
 
-        def predict(surface: ImplicitSurface) -> float:
-            count = surface.evaluate(np.zeros((1, 3)))[0]
-            asked.append(count)
-            return float(count in (10, 14, 16))
+        def predict(contacts: Contacts) -> float:
+            asked.append(len(contacts))
+            return float(len(contacts) in (10, 14, 16))
 
         line = Line(len(recorded))
         exploration = explore(
             line,
-            ExplorationSetup(line, counted, touches=40, stop=[stop_when_graspable(0.8, predict)]),
+            TactilePerception(counted, tracker=line),
+            ExplorationStrategy(line, touches=40, stop=[stop_when_graspable(0.8, predict)]),
             rng=np.random.default_rng(0),
             recorded=recorded,
         )
-        outcomes.extend(exploration.outcomes[len(outcomes) :])
+        made.extend(exploration.observations[len(made) :])
         return len(exploration.outcomes), len(asked)
 
-    outcomes: list[ProbeOutcome] = []
+    made: list[Observation] = []
     ended, predictions = explored(())
     assert (ended, predictions) == ((16, 4) if lost_at is None else (24, 4))
-    for made in range(ended):
-        resumed, again = explored(outcomes[:made])
+    for count in range(ended):
+        resumed, again = explored(made[:count])
         assert resumed == ended
         assert again <= predictions  # what decided nothing is not predicted again
 

@@ -36,18 +36,19 @@ def test_a_stray_is_dropped_and_its_place_probed_again(tmp_path: Path) -> None:
     scenario = Scenario.from_config(CONFIG)
     prober = Stumbling(make_prober(scenario), 12, 0.5 * scenario.truth.shape.size)
     found = touch(scenario, prober=prober)
-    (stray,) = np.vstack([outcome.dropped for outcome in found.outcomes])
+    (stray,) = np.vstack([observation.dropped for observation in found.observations])
     assert np.linalg.norm(found.contacts.points - stray, axis=1).min() > 1e-3
     assert len(found.contacts) == CONFIG.touches == len(found.touches)
     assert np.linalg.norm(scenario.truth.shape.mesh.nearest.on_surface([stray])[1]) > 0.02
     log = TouchLog(tmp_path / "touches.jsonl", {})
-    for outcome in found.outcomes:
-        log.append(outcome)
-    again = Exploration.replay(log.read().outcomes, touches=CONFIG.touches)
+    for observation in found.observations:
+        log.append(observation)
+    again = Exploration.replay(log.read().observations, touches=CONFIG.touches)
     np.testing.assert_array_equal(again.contacts.points, found.contacts.points)
 
 
 def test_believing_all_keeps_the_stray() -> None:
     scenario = Scenario.from_config(replace(CONFIG, keep_all=True))
     prober = Stumbling(make_prober(scenario), 12, 0.5 * scenario.truth.shape.size)
-    assert not any(len(outcome.dropped) for outcome in touch(scenario, prober=prober).outcomes)
+    found = touch(scenario, prober=prober)
+    assert not any(len(observation.dropped) for observation in found.observations)

@@ -7,7 +7,14 @@ import pytest
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import Exploration, HandPose, Probe, ProbeOutcome, TactileSensor
+from lis_grasp.exploration import (
+    Exploration,
+    HandPose,
+    Observation,
+    Probe,
+    ProbeOutcome,
+    TactileSensor,
+)
 from lis_grasp.exploration.tactile_sensor import UNKNOWN
 
 COUNT = 20_000
@@ -117,7 +124,7 @@ def test_a_false_touch_keeps_the_columns_of_true_ones() -> None:
     known = Contacts([[0.0, 0.0, 0.0]], [UP], forces=[0.3], fingers=("tip",), times=[0.5])
     true = ProbeOutcome(PROBE, "touched", contacts=known, duration=2.0)
     later = replace(true, contacts=replace(known, points=[[0.1, 0.0, 0.0]]))
-    contacts = Exploration.replay([true, false, later]).contacts
+    contacts = Exploration.replay(list(map(Observation, (true, false, later)))).contacts
     np.testing.assert_array_equal(contacts.forces, [0.3, 0.2, 0.3])
     assert contacts.fingers == ("tip", UNKNOWN, "tip")
     assert np.all(np.diff(contacts.times) >= 0.0)

@@ -14,15 +14,18 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.exploration import (
     Exploration,
-    ExplorationSetup,
+    ExplorationStrategy,
     HandPose,
+    Observation,
     Probe,
     ProbeOutcome,
+    TactilePerception,
     TactileSensor,
     TargetPolicy,
     TouchLog,
     Workspace,
     explore,
+    load_observations,
     load_outcomes,
 )
 from lis_grasp.exploration.planar_motion import PoseBelief, PoseTrust, planar_pose
@@ -36,26 +39,28 @@ FACTS = {"object": "pentagon", "seed": 3}
 def explored(log: TouchLog | None, *, stop_after: int | None = None) -> Exploration:
     """Explore with noise; interrupt after some probes."""
     shape = shapes.build("pentagon", None)
-    made: list[ProbeOutcome] = []
+    made: list[Observation] = []
 
-    def record(outcome: ProbeOutcome) -> None:
+    def record(observation: Observation) -> None:
         if log is not None:
-            log.append(outcome)
-        made.append(outcome)
+            log.append(observation)
+        made.append(observation)
         if len(made) == stop_after:
             raise KeyboardInterrupt
 
     return explore(
         KinematicProber(Hand.load("allegro"), shape.mesh),
-        ExplorationSetup(
-            TargetPolicy(Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)),
+        TactilePerception(
             ESTIMATORS["gpis"],
-            touches=14,
             sensor=TactileSensor(position_noise=0.001, normal_noise=0.05, miss_rate=0.1),
+        ),
+        ExplorationStrategy(
+            TargetPolicy(Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)),
+            touches=14,
             slide=0.03,
         ),
         rng=np.random.default_rng(5),
-        recorded=log.read().outcomes if log is not None else (),
+        recorded=log.read().observations if log is not None else (),
         record=record,
     )
 
@@ -94,7 +99,7 @@ def test_a_resumed_exploration_equals_one_without_interruption(
         explored(log, stop_after=stop_after)
     with log.path.open("ab") as file:
         file.write(b'{"target": [0.1, ')  # killed while it wrote
-    assert len(log.read().outcomes) == stop_after
+    assert len(log.read().probes) == stop_after
     assert_same(explored(log), undisturbed)
 
 
@@ -106,43 +111,44 @@ def test_a_long_exploration_estimates_seldom_and_can_be_resumed() -> None:
         made.append(len(contacts))
         return ESTIMATORS["gpis"](contacts)
 
-    def touched(recorded: Sequence[ProbeOutcome] = ()) -> Exploration:
+    def touched(recorded: Sequence[Observation] = ()) -> Exploration:
         space = Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)
-        setup = ExplorationSetup(TargetPolicy(space), estimate, touches=48)
+        strategy = ExplorationStrategy(TargetPolicy(space), touches=48)
         prober = KinematicProber(Hand.load("wsg50"), shape.mesh)
-        return explore(prober, setup, rng=1, recorded=recorded)
+        return explore(prober, TactilePerception(estimate), strategy, rng=1, recorded=recorded)
 
     whole = touched()
     # After every contact, and after a sixteenth more beyond 31; not where no probe used it.
     assert len(made) == len(set(made)) > 30
     assert set(made) <= {n for n in range(1, 48) if n <= 32 or n % 2 == 0}
     made.clear()
-    assert_same(touched(whole.outcomes[:-4]), whole)
+    assert_same(touched(whole.observations[:-4]), whole)
     assert len(made) <= 3
 
 
 def test_a_log_replays_into_the_same_contacts(undisturbed: Exploration, tmp_path: Path) -> None:
     log = TouchLog(tmp_path / "touches.jsonl", FACTS)
-    for outcome in undisturbed.outcomes:
-        log.append(outcome)
+    for observation in undisturbed.observations:
+        log.append(observation)
     log.end(undisturbed.ended)
-    assert_same(Exploration.replay(load_outcomes(log.path), touches=14), undisturbed)
+    assert_same(Exploration.replay(load_observations(log.path), touches=14), undisturbed)
 
 
 def test_a_log_of_other_facts_has_no_outcomes_to_resume(tmp_path: Path) -> None:
     log = TouchLog(tmp_path / "touches.jsonl", FACTS)
-    log.append(ProbeOutcome(Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1), "blocked", reason="why"))
-    assert log.read().outcomes[0].reason == "why"
+    blocked = ProbeOutcome(Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1), "blocked", reason="why")
+    log.append(Observation(blocked))
+    assert log.read().observations[0].outcome.reason == "why"
     other = TouchLog(log.path, {**FACTS, "seed": 4}).read()
-    assert (other.outcomes, other.changes) == ((), {"seed": (FACTS["seed"], 4)})
+    assert (other.probes, other.changes) == ((), {"seed": (FACTS["seed"], 4)})
 
 
 def test_a_finished_exploration_is_not_touched_again(
     undisturbed: Exploration, tmp_path: Path
 ) -> None:
     log = TouchLog(tmp_path / "touches.jsonl", FACTS)
-    for outcome in undisturbed.outcomes:
-        log.append(outcome)
+    for observation in undisturbed.observations:
+        log.append(observation)
     assert log.read().ending is None
     log.end(undisturbed.ended)
     before = log.path.read_bytes()
@@ -183,8 +189,8 @@ def test_a_log_keeps_every_bit_of_its_outcomes(tmp_path: Path) -> None:
         )
     ]
     for outcome in outcomes:
-        log.append(outcome)
-    for read, written in zip(log.read().outcomes, outcomes, strict=True):
+        log.append(Observation(outcome))
+    for read, written in zip(load_outcomes(log.path), outcomes, strict=True):
         np.testing.assert_array_equal(read.probe.direction, written.probe.direction)
         np.testing.assert_array_equal(read.probe.slides, written.probe.slides)
         assert read.slid == written.slid
@@ -194,21 +200,20 @@ def test_a_log_keeps_every_bit_of_its_outcomes(tmp_path: Path) -> None:
         assert (read.contacts.forces is None) == (written.contacts.forces is None)
         assert read.contacts.fingers == written.contacts.fingers
         assert (read.hand_pose is None) == (written.hand_pose is None)
-    pose, same = outcomes[1].hand_pose, log.read().outcomes[1].hand_pose
+    pose, same = outcomes[1].hand_pose, load_outcomes(log.path)[1].hand_pose
     np.testing.assert_array_equal(same.X_OH, pose.X_OH)
     np.testing.assert_array_equal(same.joint_positions, pose.joint_positions)
 
 
 def test_a_log_without_hand_poses_loads(tmp_path: Path) -> None:
     log = TouchLog(tmp_path / "touches.jsonl", FACTS)
-    log.append(
-        ProbeOutcome(
-            Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1),
-            "touched",
-            Contacts([[0, 0, 0]], [[0, 0, -1]]),
-            hand_pose=HandPose(np.eye(4), np.zeros(2)),
-        )
+    outcome = ProbeOutcome(
+        Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1),
+        "touched",
+        Contacts([[0, 0, 0]], [[0, 0, -1]]),
+        hand_pose=HandPose(np.eye(4), np.zeros(2)),
     )
+    log.append(Observation(outcome))
     text = log.path.read_text().splitlines()
     row = json.loads(text[1])
     del row["X_OH"], row["joint_positions"]
@@ -226,10 +231,11 @@ def test_a_log_keeps_the_belief_of_an_object_that_was_lost(
 ) -> None:
     log = TouchLog(tmp_path / "touches.jsonl", FACTS)
     belief = replace(PoseBelief.start(), trust=trust, count=count)
-    log.append(ProbeOutcome(Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1), "missed", tracked=belief))
-    (outcome,) = load_outcomes(log.path)
-    assert outcome.tracked.as_dict() == belief.as_dict()
-    assert (outcome.tracked.trust, outcome.tracked.count) == (trust, count)
+    missed = ProbeOutcome(Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1), "missed")
+    log.append(Observation(missed, belief))
+    (read,) = load_observations(log.path)
+    assert read.belief.as_dict() == belief.as_dict()
+    assert (read.belief.trust, read.belief.count) == (trust, count)
 
 
 @pytest.mark.parametrize(
@@ -254,9 +260,8 @@ def test_noise_that_is_unknown_for_some_contacts_is_kept(tmp_path: Path) -> None
     log = TouchLog(tmp_path / "touches.jsonl", FACTS)
     up = [0.0, 0.0, 1.0]
     contacts = Contacts([[0, 0, 0], [0, 0, 1]], [up, up], position_noise=[0.001, np.nan])
-    log.append(
-        ProbeOutcome(Probe([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 0.03, 0.02), "touched", contacts)
-    )
+    probe = Probe([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 0.03, 0.02)
+    log.append(Observation(ProbeOutcome(probe, "touched", contacts)))
     (outcome,) = load_outcomes(log.path)
     np.testing.assert_array_equal(outcome.contacts.position_noise, [0.001, np.nan])
     assert outcome.contacts.normal_noise is None

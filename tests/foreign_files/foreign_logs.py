@@ -177,7 +177,7 @@ def check_log(folder: Path, rng: np.random.Generator) -> Iterator[tuple[str, Out
         cosines = np.sum(contacts.normals * normals, axis=1)
         return bool(apart < TOLERANCE and cosines.min() > 0.99)
 
-    bare = replace(foreign.frames, force_frame="")
+    bare = replace(foreign.frames, force_frame=None)
     yield "bare", outcome_of(lambda: read(LogReading(), bare), is_right)
     known = outcome_of(lambda: read(foreign.reading, foreign.frames), is_right)
     yield ("mistaken" if foreign.mistaken else "known"), known

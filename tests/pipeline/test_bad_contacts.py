@@ -15,7 +15,7 @@ from lis_grasp.pipeline import ContactSource, RunConfig, Scenario, estimate_file
 from lis_grasp.results.page import scene_of
 from lis_grasp.stages.estimate import estimate
 from lis_grasp.stages.next_touch import ObjectPlace
-from lis_grasp.stages.touch import exploration_setup
+from lis_grasp.stages.touch import make_perception
 from lis_grasp.surfaces import judge_contacts
 from lis_grasp.task.recorded_facts import read_facts
 
@@ -68,10 +68,10 @@ def test_contacts_are_judged_once_for_strays_and_estimate(
         "lis_grasp.stages.estimate.judge_contacts",
         lambda contacts, **noise: judged.append(contacts) or judge_contacts(contacts, **noise),
     )
-    setup, contacts = exploration_setup(known), Contacts.load(touches)
-    assert setup.find_strays is not None
-    assert STRAY in setup.find_strays(contacts)
-    setup.estimate(contacts)
+    perception, contacts = make_perception(known.perception), Contacts.load(touches)
+    assert perception.find_strays is not None
+    assert STRAY in perception.find_strays(contacts)
+    perception.estimate(contacts)
     assert len(judged) == 1
     assert Contacts.empty().append(contacts) is contacts
 

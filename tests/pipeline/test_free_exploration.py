@@ -9,6 +9,7 @@ import pytest
 from lis_grasp import pipeline
 from lis_grasp.contacts import HALF_SPACE
 from lis_grasp.exploration import Exploration, Probe, ProbeOutcome
+from lis_grasp.exploration.touch_log import read_log
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.pipeline.names_of_2 import UNKNOWN
 from lis_grasp.probing.kinematic_prober import KinematicProber
@@ -23,13 +24,17 @@ SCENARIO = pipeline.Scenario.from_config(CONFIG)
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Exploration, bytes]:
     path = tmp_path_factory.mktemp("whole") / "touches.jsonl"
-    exploration = explore_into(path.parent, SCENARIO)
+    _, exploration = explore_into(path.parent, SCENARIO)
     return exploration, path.read_bytes()
 
 
 @pytest.mark.slow
-def test_the_object_moves_from_probe_to_probe(whole: tuple[Exploration, bytes]) -> None:
-    poses = np.array([outcome.simulated_pose for outcome in whole[0].outcomes])
+def test_the_object_moves_from_probe_to_probe(
+    whole: tuple[Exploration, bytes], tmp_path: Path
+) -> None:
+    path = tmp_path / "touches.jsonl"
+    path.write_bytes(whole[1])
+    poses = np.array([probe.X_EO for probe in read_log(path)[1]])
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     assert np.sum(steps > 1e-5) >= 4
 
@@ -54,11 +59,10 @@ def test_a_lie_about_the_true_pose_changes_no_contact(
     def lying(
         self: DynamicProber, probe: Probe, obstacles: ObstacleModel | None = None
     ) -> ProbeOutcome:
-        outcome = honest(self, probe, obstacles)
-        far_away = np.diag([-1.0, 1.0, -1.0, 1.0])
-        return replace(outcome, simulated_pose=far_away, moved=1.0)
+        return replace(honest(self, probe, obstacles), moved=1.0)
 
     monkeypatch.setattr(DynamicProber, "probe", lying)
+    monkeypatch.setattr(DynamicProber, "X_EO", np.diag([-1.0, 1.0, -1.0, 1.0]))
     exploration = pipeline.touch(SCENARIO)
     np.testing.assert_array_equal(exploration.contacts.points, whole[0].contacts.points)
     np.testing.assert_array_equal(exploration.contacts.normals, whole[0].contacts.normals)
@@ -69,10 +73,10 @@ def test_an_ended_exploration_is_not_continued(
 ) -> None:
     config = pipeline.RunConfig(prober="kinematic", touches=14, until_success=0.5)
     scenario = pipeline.Scenario.from_config(config)
-    first = explore_into(tmp_path, scenario)
+    _, first = explore_into(tmp_path, scenario)
     assert first.ended.startswith("with a probability")
     monkeypatch.setattr(KinematicProber, "probe", None)
-    again = explore_into(tmp_path, scenario)
+    _, again = explore_into(tmp_path, scenario)
     assert again.ended == first.ended
     np.testing.assert_array_equal(again.contacts.points, first.contacts.points)
 
@@ -80,7 +84,7 @@ def test_an_ended_exploration_is_not_continued(
 def test_an_ended_exploration_keeps_the_space_beyond_its_ends(tmp_path: Path) -> None:
     config = pipeline.RunConfig(**{**UNKNOWN, "free": False}, prober="kinematic", touches=8)
     first, again = (
-        explore_into(tmp_path, pipeline.Scenario.from_config(config)).contacts for _ in range(2)
+        explore_into(tmp_path, pipeline.Scenario.from_config(config))[1].contacts for _ in range(2)
     )
     assert np.any(first.free_radii == HALF_SPACE)
     np.testing.assert_array_equal(again.free_points, first.free_points)

@@ -27,14 +27,14 @@ def explored() -> Exploration:
 
 
 def known(hand: Hand, space: Workspace | Region) -> pipeline.Known:
-    return Agent.of(pipeline.RunConfig(), space, 0.0, hand)
+    return Agent.of(pipeline.RunConfig(), 0.0, space=space, hand=hand)
 
 
 @pytest.mark.parametrize("name", ["allegro", "wsg50"])
 def test_the_hand_is_at_the_start_of_the_probe(name: str, explored: Exploration) -> None:
     hand, contacts = Hand.load(name), explored.contacts
     space = ObjectPlace(held=True).space(contacts)
-    found = next_touch(known(hand, space), Contacts.empty(), explored.outcomes)
+    found = next_touch(known(hand, space), Contacts.empty(), explored.observations)
     posture, probe = found.approach.posture, found.probe
     X_OL = hand.forward_kinematics(found.approach.X_OH, posture.joint_positions)[posture.link]
     center = X_OL[:3, :3] @ posture.center_L + X_OL[:3, 3]
@@ -42,7 +42,7 @@ def test_the_hand_is_at_the_start_of_the_probe(name: str, explored: Exploration)
     nearest = np.linalg.norm(contacts.points - probe.target, axis=1).min()
     assert found.distance == pytest.approx(nearest)
     assert nearest > 0.5 * contacts.spacing
-    again = next_touch(known(hand, space), Contacts.empty(), explored.outcomes)
+    again = next_touch(known(hand, space), Contacts.empty(), explored.observations)
     assert again.facts(hand) == found.facts(hand)
 
 
@@ -51,9 +51,10 @@ def test_the_next_touch_is_that_of_the_exploration(policy: str) -> None:
     placed = {"pose": "stable", "region": (0.3, 0.3, 0.3), "policy": policy, "seed": 1}
     config = pipeline.RunConfig("box", prober="kinematic", estimator="gpis", touches=12, **placed)
     scenario = pipeline.Scenario.from_config(config)
-    outcomes, sought = pipeline.touch(scenario).outcomes, []
+    exploration, sought = pipeline.touch(scenario), []
+    outcomes = exploration.outcomes
     for made in range(len(outcomes)):
-        touch = next_touch(scenario.agent, Contacts.empty(), outcomes[:made])
+        touch = next_touch(scenario.agent, Contacts.empty(), exploration.observations[:made])
         following = outcomes[made + touch.blocked]
         assert all(o.status == "blocked" for o in outcomes[made : made + touch.blocked])
         for name in ("target", "direction", "start", "end"):
@@ -67,10 +68,11 @@ def test_the_next_touch_is_that_of_the_exploration(policy: str) -> None:
 
 def test_what_was_before_a_loss_does_not_count(explored: Exploration) -> None:
     contacts, hand = explored.contacts, Hand.load("allegro")
-    lost = replace(explored.outcomes[-1], tracked=replace(PoseBelief.start(), trust="lost"))
-    space, others = ObjectPlace(held=True).space(contacts), explored.outcomes[::-1]
+    lost = replace(PoseBelief.start(), trust="lost")
+    lost = replace(explored.observations[-1], belief=lost)
+    space, others = ObjectPlace(held=True).space(contacts), explored.observations[::-1]
     found = next_touch(known(hand, space), Contacts.empty(), [*others, lost])
-    again = next_touch(known(hand, space), contacts, [*explored.outcomes, lost])
+    again = next_touch(known(hand, space), contacts, [*explored.observations, lost])
     assert again.facts(hand) == found.facts(hand)
 
 
@@ -90,7 +92,7 @@ def test_without_contacts_the_size_is_needed() -> None:
     for seed in range(5):  # on a table, the first touch is above it
         standing = ObjectPlace(size=0.1, support=0.3).space(Contacts.empty())
         config = pipeline.RunConfig(seed=seed)
-        first = Agent.of(config, standing, 0.0, Hand.load("allegro"))
+        first = Agent.of(config, 0.0, space=standing, hand=Hand.load("allegro"))
         probe = next_touch(first, Contacts.empty()).probe
         assert min(probe.start[2], probe.target[2]) > 0.3
 
@@ -218,7 +220,7 @@ def test_the_hand_keeps_off_obstacles_on_its_approach_and_motion(
     for seed in range(6):
         for obstacles in (None, str(tmp_path / "wall.stl")):
             config = pipeline.RunConfig(policy="random", seed=seed, obstacles=obstacles)
-            found = next_touch(Agent.of(config, space, 0.0, hand), contacts)
+            found = next_touch(Agent.of(config, 0.0, space=space, hand=hand), contacts)
             end, path = np.array(found.approach.X_OH), [found.approach.X_OH_outside]
             end[:3, 3] += found.probe.end - found.probe.start
             lowest = np.inf

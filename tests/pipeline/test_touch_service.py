@@ -14,7 +14,7 @@ import pytest
 from lis_grasp import Contacts, Hand, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidInputError, LisGraspError
-from lis_grasp.exploration import TouchLog, load_outcomes
+from lis_grasp.exploration import TouchLog, load_observations, load_outcomes
 from lis_grasp.pipeline import RunConfig
 from lis_grasp.service.touch_service import TouchService
 from lis_grasp.stages.agent import Agent
@@ -27,7 +27,7 @@ PLACE = ObjectPlace(center=(0.0, 0.0, 0.0), size=0.12, support=float(BOX.bounds[
 def _service(folder: Path, **known: Any) -> TouchService:
     config = RunConfig(hand="wsg50", estimator="gpis", policy="spread")
     log = TouchLog(folder / "touches.jsonl", {"hand": "wsg50", "estimator": "gpis"})
-    return TouchService(config, Hand.load("wsg50"), known.pop("place", PLACE), folder, log, **known)
+    return TouchService(Agent.of(config, 0.0), known.pop("place", PLACE), folder, log, **known)
 
 
 def _feel(touch: dict[str, Any]) -> dict[str, Any]:
@@ -44,16 +44,16 @@ def test_each_touch_is_that_of_the_command_with_the_log(tmp_path: Path) -> None:
     touch = service.answer({})
     for count in range(12):
         if count == 5:  # resumed in another process
-            outcomes = load_outcomes(tmp_path / "touches.jsonl")
-            assert len(outcomes) == count
-            service = _service(tmp_path, outcomes=outcomes)
+            recorded = load_observations(tmp_path / "touches.jsonl")
+            assert len(recorded) == count
+            service = _service(tmp_path, recorded=recorded)
             assert service.answer({"request": "next"}) == touch
         touch = service.answer({"request": "next", **_feel(touch)})
-        outcomes = load_outcomes(tmp_path / "touches.jsonl")
+        recorded = load_observations(tmp_path / "touches.jsonl")
         space = PLACE.space(Contacts.empty())
         config = RunConfig(estimator="gpis", policy="spread")
-        known = Agent.of(config, space, 0.0, hand)
-        alone = next_touch(known, Contacts.empty(), outcomes).facts(hand)
+        known = Agent.of(config, 0.0, space=space, hand=hand)
+        alone = next_touch(known, Contacts.empty(), recorded).facts(hand)
         assert {name: touch[name] for name in alone} == alone
         assert service.answer({"request": "next"}) == touch  # asked again, it is the same
     assert touch["contacts"] > 5
@@ -88,7 +88,8 @@ def test_contacts_that_nobody_asked_for_begin_an_exploration(tmp_path: Path) -> 
     more = {"points": [[-0.03, 0.01, 0.0], [0.0, 0.0, 0.03]], "normals": [[-1, 0, 0], [0, 0, 1]]}
     assert service.answer(more)["contacts"] == 3
     assert "warning" not in service.answer({})
-    unknown = _service(tmp_path, place=ObjectPlace(), outcomes=load_outcomes(service.log.path))
+    recorded = load_observations(service.log.path)
+    unknown = _service(tmp_path, place=ObjectPlace(), recorded=recorded)
     assert "z = 0.0 mm" in unknown.answer({})["warning"]
 
 

@@ -9,8 +9,10 @@ import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import (
-    ExplorationSetup,
+    ExplorationStrategy,
+    Observation,
     PoseTracker,
+    TactilePerception,
     TactileSensor,
     Workspace,
     begin,
@@ -110,8 +112,12 @@ def touched(count: int, *, slid: int = 1) -> list[ProbeOutcome]:
     return outcomes
 
 
+def replayed(outcomes: list[ProbeOutcome], touches: int | None = None) -> Exploration:
+    return Exploration.replay(list(map(Observation, outcomes)), touches=touches)
+
+
 def test_a_touch_is_one_approach_and_the_end_of_its_slide_is_no_other() -> None:
-    explored = Exploration.replay([*touched(4), *touched(9, slid=0)[4:]], touches=6)
+    explored = replayed([*touched(4), *touched(9, slid=0)[4:]], touches=6)
     assert (len(explored.outcomes), len(explored.contacts)) == (6, 10)
 
 
@@ -144,8 +150,10 @@ def test_a_policy_may_choose_slides_but_not_along_an_object_that_may_move(
         SimpleNamespace(next_probe=lambda *_, **__: wanted),
         Workspace(0.2, [0] * 3, 0.05),
     )
-    setup = ExplorationSetup(policy, ESTIMATORS["patch"], 9, space, tracker=tracker, slide=0.02)
-    chosen = choose(setup, begin(setup), rng=np.random.default_rng(0))
+    perception = TactilePerception(ESTIMATORS["patch"], tracker=tracker)
+    strategy = ExplorationStrategy(policy, 9, space, slide=0.02)
+    state = begin(perception, strategy)
+    chosen = choose(strategy, state, rng=np.random.default_rng(0))
     np.testing.assert_array_equal(chosen.probe.slides, wanted.slides[: tracker is None])
 
 
@@ -163,7 +171,7 @@ def test_touches_of_several_fingers_keep_their_outcomes_beside_ends_of_slides() 
     points = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.05, 0.0, 0.0]])
     contacts = Contacts(points + [1.0, 0.0, 0.0], np.tile([0.0, 0.0, 1.0], (3, 1)))
     last = ProbeOutcome(Probe(points[0], DOWN, 0, 0), "touched", contacts, slid=1)
-    explored = Exploration.replay([*touched(2), last], touches=3)
+    explored = replayed([*touched(2), last], touches=3)
     assert (explored.made, len(explored.contacts)) == (3, 6)
     assert [o is last for o in explored.touches] == [False] * 4 + [True] * 2
 
@@ -172,10 +180,10 @@ def test_a_contact_counts_as_what_first_made_it() -> None:
     outcomes = touched(4)
     points = np.array([[1.0, 0.0, 0.0], outcomes[0].contacts.points[0]])  # the end of its slide
     met = replace(outcomes[3], contacts=replace(outcomes[3].contacts, points=points))
-    explored = Exploration.replay([*outcomes[:3], met])
+    explored = replayed([*outcomes[:3], met])
     assert (explored.made, len(explored.contacts)) == (4, 7)
-    stray = replace(outcomes[3], dropped=points[1:])
-    explored = Exploration.replay([*outcomes[:3], stray])
+    stray = Observation(outcomes[3], dropped=points[1:])
+    explored = Exploration.replay([*map(Observation, outcomes[:3]), stray])
     assert (explored.made, len(explored.contacts)) == (3, 7)
     at = [outcome.probe.target[0] for outcome in explored.touches]
     assert at == pytest.approx(explored.contacts.points[:, 0])
@@ -183,8 +191,8 @@ def test_a_contact_counts_as_what_first_made_it() -> None:
 
 def test_touches_of_joined_maps_are_counted_without_ends_of_slides() -> None:
     start, X_EF = PoseBelief.start(), planar_pose(np.array([0.01, 0.02, 0.3]))
-    outcomes = [replace(outcome, tracked=start) for outcome in touched(7)]
-    outcomes[3] = replace(outcomes[3], tracked=replace(start, trust="lost"))
-    outcomes[6] = replace(outcomes[6], tracked=replace(start, X_WE=X_EF, joined=X_EF))
-    explored = Exploration.replay(outcomes, touches=7)
+    observations = [Observation(outcome, start) for outcome in touched(7)]
+    observations[3] = replace(observations[3], belief=replace(start, trust="lost"))
+    observations[6] = replace(observations[6], belief=replace(start, X_WE=X_EF, joined=X_EF))
+    explored = Exploration.replay(observations, touches=7)
     assert (explored.made, len(explored.contacts), len(explored.touches)) == (7, 14, 14)

@@ -13,7 +13,7 @@ import yaml
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.lifting.setup import useful_efforts
 from lis_grasp.robots._build_model import read_description
-from lis_grasp.robots.collision import checker_of
+from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.draft._pads import fit_pads
 from lis_grasp.robots.draft._probe_postures import find_probe_postures
 from lis_grasp.robots.draft._structure import find_exclusions, find_fingers, find_hand_bases
@@ -304,7 +304,7 @@ def test_links_two_joints_apart_may_overlap_near_the_ends_of_their_ranges(tmp_pa
     }
     (tmp_path / "claws.yaml").write_text(yaml.safe_dump(document))
     hand = Hand.load(tmp_path / "claws.yaml")
-    checker = checker_of(hand)
+    checker = HandCollisionChecker(hand)
     assert checker.self_collisions(np.array([3.14, 0.0, 0.1, 0.1])) == {("base", "thumb")}
     turns = np.linspace(0.0, 2.6, 7)
     assert not any(checker.self_collisions(np.array([t, 0.0, 0.1, 0.1])) for t in turns)
@@ -404,7 +404,7 @@ def test_a_short_name_of_a_finger_is_a_word_of_its_own(
 
 def test_no_point_of_a_tip_is_ahead_of_its_probing_sphere() -> None:
     hand = Hand.load("barrett")
-    found = find_probe_postures(hand, checker_of(hand), rng=np.random.default_rng(0))
+    found = find_probe_postures(hand, HandCollisionChecker(hand), rng=np.random.default_rng(0))
     assert found
     for posture in found.values():
         poses = hand.forward_kinematics(np.eye(4), posture.joint_positions)

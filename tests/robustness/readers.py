@@ -28,7 +28,14 @@ from touch_recording import record, write_bag, write_csv
 import lis_grasp
 from lis_grasp import Contacts, shapes
 from lis_grasp.exceptions import LisGraspError
-from lis_grasp.exploration import Exploration, Probe, ProbeOutcome, TouchLog, load_outcomes
+from lis_grasp.exploration import (
+    Exploration,
+    Observation,
+    Probe,
+    ProbeOutcome,
+    TouchLog,
+    load_observations,
+)
 from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io import provenance
@@ -58,6 +65,7 @@ from lis_grasp.robots.shipped_models import model_path
 from lis_grasp.service.touch_service import TouchService
 from lis_grasp.shapes.loading import load_obstacles
 from lis_grasp.shapes.placement import draw_pose
+from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.next_touch import ObjectPlace
 from lis_grasp.surfaces import load_contacts
 from lis_grasp_studies.contact_study.score import SURFACES
@@ -171,15 +179,16 @@ def _save_touches(path: Path) -> None:
     probe = Probe(np.array([0.05, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]), 0.1, 0.05)
     log = TouchLog(path, {"object": "box", "seed": 0})
     for i in range(4):
-        log.append(ProbeOutcome(probe, "touched", contacts.subset([i]), duration=1.0))
+        touched = ProbeOutcome(probe, "touched", contacts.subset([i]), duration=1.0)
+        log.append(Observation(touched))
     sliding, start = replace(probe, slides=[[0.0, 0.03, 0.0]]), PoseBelief.start()
     for i, belief in enumerate((start, replace(start, trust="lost"), start)):
         both = contacts.subset([4 + 2 * i, 5 + 2 * i])
-        log.append(ProbeOutcome(sliding, "touched", both, slid=1, tracked=belief))
+        log.append(Observation(ProbeOutcome(sliding, "touched", both, slid=1), belief))
     found = replace(start, joined=planar_pose(np.array([0.01, 0.02, 0.3])))
-    log.append(ProbeOutcome(probe, "touched", contacts.subset([10]), tracked=found))
-    log.append(ProbeOutcome(probe, "missed", free_points=contacts.free_points))
-    log.append(ProbeOutcome(probe, "blocked", reason="out of reach"))
+    log.append(Observation(ProbeOutcome(probe, "touched", contacts.subset([10])), found))
+    log.append(Observation(ProbeOutcome(probe, "missed", free_points=contacts.free_points)))
+    log.append(Observation(ProbeOutcome(probe, "blocked", reason="out of reach")))
     log.end("as many touches as asked for")
 
 
@@ -338,14 +347,15 @@ def _check_grasps(path: Path) -> None:
 
 
 def _check_touches(path: Path) -> None:
-    outcomes = load_outcomes(path)
-    for outcome in outcomes:
+    observations = load_observations(path)
+    for outcome in (observation.outcome for observation in observations):
         assert np.isfinite(outcome.contacts.points).all()
         assert isinstance(outcome.reason, str)
         assert np.isfinite(outcome.moved)
-    explored = Exploration.replay(outcomes)
+    explored = Exploration.replay(observations)
     assert explored.made <= len(explored.contacts) == len(explored.touches)
-    assert len(TouchLog(path, {"object": "box", "seed": 0}).read().outcomes) <= len(outcomes)
+    recording = TouchLog(path, {"object": "box", "seed": 0}).read()
+    assert len(recording.probes) <= len(observations)
 
 
 def _check_motion(path: Path) -> None:
@@ -427,7 +437,9 @@ def _check_requests(path: Path) -> None:
     config, place = RunConfig(estimator="gpis"), ObjectPlace(size=0.1, support=0.0)
     with TemporaryDirectory() as folder:
         log = TouchLog(Path(folder) / "touches.jsonl", {})
-        service = TouchService(config, Hand.load("wsg50"), place, Path(folder), log)
+        service = TouchService(
+            Agent.of(config, 0.0, hand=Hand.load("wsg50")), place, Path(folder), log
+        )
         answer_lines(service.answer, io.BytesIO(content), answers)
     written = [json.loads(line) for line in answers.getvalue().splitlines()]
     lines = content.split(b"\n")

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from lis_grasp import Contacts
-from lis_grasp.exploration import Probe, ProbeOutcome, TouchLog
+from lis_grasp.exploration import Observation, Probe, ProbeOutcome, TouchLog
 from lis_grasp.io.surface_files import load_surface, save_surface
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.motion import Motion
@@ -151,8 +151,9 @@ def test_any_logged_probe_loads_unchanged(
     contacts = sphere_contacts(int(rng.integers(1, 4)), rng)
     outcome = ProbeOutcome(probe, "touched", contacts, reason=reason, moved=moved)
     path = tmp_path_factory.mktemp("any") / "touches.jsonl"
-    TouchLog(path, {"seed": seed}).append(outcome)
-    (again,) = TouchLog(path, {"seed": seed}).read().outcomes
+    TouchLog(path, {"seed": seed}).append(Observation(outcome))
+    (read,) = TouchLog(path, {"seed": seed}).read().observations
+    again = read.outcome
     np.testing.assert_array_equal(again.contacts.points, contacts.points)
     np.testing.assert_array_equal(again.probe.direction, probe.direction)
     assert (again.probe.standoff, again.moved, again.reason) == (standoff, moved, reason)

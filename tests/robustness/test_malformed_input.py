@@ -24,7 +24,7 @@ from lis_grasp.exceptions import (
     LisGraspError,
     shown,
 )
-from lis_grasp.exploration import Probe, ProbeOutcome, TouchLog, load_outcomes
+from lis_grasp.exploration import Observation, Probe, ProbeOutcome, TouchLog, load_outcomes
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io import provenance
 from lis_grasp.io.provenance import parse
@@ -476,7 +476,7 @@ def test_a_log_of_other_values_is_refused(name: str, value: object, tmp_path: Pa
     path = tmp_path / "touches.jsonl"
     contacts = sphere_contacts(1, np.random.default_rng(0))
     probe = Probe(np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.1, 0.1)
-    TouchLog(path, {}).append(ProbeOutcome(probe, "touched", contacts))
+    TouchLog(path, {}).append(Observation(ProbeOutcome(probe, "touched", contacts)))
     header, row = path.read_text().splitlines()
     path.write_text(f"{header}\n{json.dumps(json.loads(row) | {name: value})}\n")
     with pytest.raises(InvalidFileError, match="no valid probe in line 2"):

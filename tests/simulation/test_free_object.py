@@ -47,7 +47,7 @@ def test_a_touch_weaker_than_friction_moves_nothing() -> None:
 def test_a_sliding_object_stays_where_a_touch_leaves_it() -> None:
     # 0.02 x 0.05 kg x g = 0.01 N of friction: it slides away from a finger that feels 1 N only.
     outcome, prober = touched(cube(), mass=0.05, friction=0.02, threshold=1.0)
-    moved = outcome.simulated_pose[0, 3]
+    moved = prober.X_EO[0, 3]
     assert moved > 5e-3
     assert outcome.moved == pytest.approx(moved, rel=0.05)
     # The next probe finds its top where nothing was before.
@@ -92,8 +92,8 @@ def test_a_touch_that_topples_the_object_leaves_it_toppled(
     monkeypatch.setattr(dynamic_prober, "_BEYOND", 0.05)
     stick = trimesh.creation.box(extents=[0.02, 0.02, 0.2])
     probe = Probe([-0.01, 0.0, 0.08], [1.0, 0.0, 0.0], 0.02, 0.06)
-    outcome, prober = touched(stick, mass=0.01, friction=0.8, probe=probe)
-    assert outcome.simulated_pose[2, 2] < 0.1  # it lies
+    _, prober = touched(stick, mass=0.01, friction=0.8, probe=probe)
+    assert prober.X_EO[2, 2] < 0.1  # it lies
     where_it_stood = prober.probe(Probe([0.0, 0.0, 0.1], [0.0, 0.0, -1.0], 0.02, 0.05))
     assert where_it_stood.status == "missed"
 

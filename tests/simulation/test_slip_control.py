@@ -1,7 +1,6 @@
 """Grip force under slip: an object heavier or smoother than assumed."""
 
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ import scenes
 from lis_grasp import Hand, pipeline, shapes
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.hand_capacity import balanced_grip
-from lis_grasp.lifting.finger_control import FingerControl
+from lis_grasp.lifting.finger_control import balanced_forces
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.simulation.drake.lift import simulate_lift
@@ -92,11 +91,5 @@ def test_fingers_that_can_only_add_to_the_load_still_squeeze():
     points, normals = np.array([[0.0, 0.0, 0.05]]), np.array([[0.0, 0.0, 1.0]])
     weight, center = np.array([0.0, 0.0, -20.0]), np.zeros(3)
     assert not balanced_grip(points, normals, friction=0.5, total=1.0, load=(weight, center)).any()
-    control = SimpleNamespace(
-        _weight=weight,
-        _scene=SimpleNamespace(X_WO=np.eye(4)),
-        _p_OC=center,
-        _setup=SimpleNamespace(grip_friction=0.5),
-    )
-    forces = FingerControl._balanced_forces(control, points, normals, 1.0)
+    forces = balanced_forces(points, normals, 0.5, 1.0, (weight, center))
     assert forces == pytest.approx(np.array([[0.0, 0.0, -1.0]]), abs=1e-6)

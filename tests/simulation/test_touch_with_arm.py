@@ -71,4 +71,4 @@ def test_probes_in_a_moved_frame_touch_the_same_place(station: Station) -> None:
     # The top is flat: the same height; the same place within what the hand's roll changes.
     assert point[2] == pytest.approx(first.contacts.points[0, 2], abs=3e-4)
     np.testing.assert_allclose(point[:2], first.contacts.points[0, :2], atol=2e-3)
-    np.testing.assert_allclose(X_EF @ second.simulated_pose, np.eye(4), atol=2e-3)
+    np.testing.assert_allclose(X_EF @ prober.X_EO, np.eye(4), atol=2e-3)

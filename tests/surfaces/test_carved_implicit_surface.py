@@ -20,7 +20,8 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import (
     Exploration,
-    ExplorationSetup,
+    ExplorationStrategy,
+    TactilePerception,
     TactileSensor,
     Workspace,
     explore,
@@ -212,11 +213,9 @@ def explored(name: str, *, touches: int, seed: int) -> tuple[shapes.Shape, Explo
     space = Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)
     exploration = explore(
         KinematicProber(Hand.load("allegro"), shape.mesh),
-        ExplorationSetup(
-            make_policy("spread", space, TactileSensor()),
-            ESTIMATORS["patch"],
-            touches=touches,
-            space=space,
+        TactilePerception(ESTIMATORS["patch"]),
+        ExplorationStrategy(
+            make_policy("spread", space, TactileSensor()), touches=touches, space=space
         ),
         rng=np.random.default_rng(seed),
     )

@@ -12,7 +12,7 @@ from stations import station_with
 
 from lis_grasp import pipeline
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration import Probe, ProbeOutcome
+from lis_grasp.exploration import LoggedProbe, Observation, Probe, ProbeOutcome
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.probe import HandPose
 from lis_grasp.exploration.touch_log import read_log
@@ -87,10 +87,10 @@ def test_a_growing_exploration_shows_its_arm_where_the_object_moved(
     config = pipeline.RunConfig("box", hand="wsg50", arm="iiwa14", **options)
     scenario, _ = pipeline.explore_object(config, tmp_path)
     (tmp_path / "contacts.ply").unlink()
-    header, outcomes = read_log(tmp_path / "touches.jsonl")
+    header, probes = read_log(tmp_path / "touches.jsonl")
     moved = replace(PoseBelief.start(), X_WE=scenes.pose(0.02, -0.01, 0.0))
-    outcomes = tuple(replace(outcome, tracked=moved) for outcome in outcomes)
-    monkeypatch.setattr(run_scene, "read_touches", lambda path: (header, outcomes))
+    probes = tuple(LoggedProbe(Observation(p.observation.outcome, moved)) for p in probes)
+    monkeypatch.setattr(run_scene, "read_touches", lambda path: (header, probes))
     scene = run_scene.scene_of(tmp_path)
     assert [count for count, _ in scene.growth] == [3, 4]
     base = scenario.agent.station.X_WA[:3, 3] - [0.02, -0.01, 0.0]

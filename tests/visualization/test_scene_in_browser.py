@@ -12,6 +12,7 @@ import pytest
 import scenes
 from browser import CHROMIUM, PHONE, Browser
 
+from lis_grasp.exploration import LoggedProbe, Observation
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.visualization import Scene
@@ -133,7 +134,7 @@ def test_the_path_of_a_moved_object_is_a_layer_of_the_touches(
 ) -> None:
     poses = [scenes.pose(0.004 * k, 0.004 * k, 0.0) for k in range(4)]
     moved = tuple(
-        replace(touch, simulated_pose=np.eye(4), tracked=replace(PoseBelief.start(), X_WE=X))
+        LoggedProbe(Observation(touch, replace(PoseBelief.start(), X_WE=X)), np.eye(4))
         for touch, X in zip(scenes.touches(), poses, strict=False)
     )
     page = _write(scenes.scene(moved=moved), tmp_path)

@@ -15,7 +15,7 @@ from lis_grasp import pipeline, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import Exploration, load_outcomes
+from lis_grasp.exploration import Exploration, load_observations
 from lis_grasp.io import provenance
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.results import exploring
@@ -134,11 +134,11 @@ def folder(explored: Path, tmp_path: Path) -> Path:
 
 
 def test_growth_is_the_estimate_from_the_first_contacts(explored: Path) -> None:
-    outcomes = load_outcomes(explored / "touches.jsonl")
+    observations = load_observations(explored / "touches.jsonl")
     growth = scene_of(explored).growth
     assert [count for count, _ in growth] == GROWTH
     for count, mesh in growth[1::2]:
-        first = Exploration.replay(outcomes).first(count)
+        first = Exploration.replay(observations).first(count)
         surface, _ = pipeline.estimate(pipeline.Perception(estimator="blend"), first)
         cell = float(np.ptp(surface.bounds, axis=0).max()) / 26
         expected = extract_mesh(surface, resolution=cell)

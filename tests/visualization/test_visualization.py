@@ -27,7 +27,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
-from lis_grasp.exploration import Probe, ProbeOutcome
+from lis_grasp.exploration import LoggedProbe, Observation, Probe, ProbeOutcome
 from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.visualization import Scene, SceneServer
 from lis_grasp.visualization._drawing import animate, draw_mesh, material, shade
@@ -475,15 +475,13 @@ def test_a_host_that_is_no_address_of_this_machine_is_refused(tmp_path: Path) ->
 CENTER = np.array([0.1, 0.05, 0.02])
 
 
-def _outcomes(tracked: list[np.ndarray], true: list[np.ndarray]) -> list[ProbeOutcome]:
-    """Return outcomes of an object at poses in W, tracked and true."""
+def _probes(tracked: list[np.ndarray], true: list[np.ndarray]) -> list[LoggedProbe]:
+    """Return logged probes of an object at poses in W, tracked and true."""
     probe = Probe(np.zeros(3), np.array([0.0, 0.0, -1.0]), standoff=0.05, overshoot=0.01)
     return [
-        ProbeOutcome(
-            probe,
-            "missed",
-            simulated_pose=np.linalg.inv(X_WE) @ X_WO,
-            tracked=replace(PoseBelief.start(), X_WE=X_WE),
+        LoggedProbe(
+            Observation(ProbeOutcome(probe, "missed"), replace(PoseBelief.start(), X_WE=X_WE)),
+            np.linalg.inv(X_WE) @ X_WO,
         )
         for X_WE, X_WO in zip(tracked, true, strict=True)
     ]
@@ -491,7 +489,7 @@ def _outcomes(tracked: list[np.ndarray], true: list[np.ndarray]) -> list[ProbeOu
 
 def test_a_perfect_tracker_draws_the_true_path() -> None:
     poses = [planar_pose(np.array([0.01 * k, 0.0, 0.1 * k])) for k in range(4)]
-    tracked, true = motion_paths(_outcomes(poses, poses), CENTER)
+    tracked, true = motion_paths(_probes(poses, poses), CENTER)
     np.testing.assert_allclose(tracked, true, atol=1e-12)
     np.testing.assert_allclose(true[-1], CENTER, atol=1e-12)
     # Distances are those between the true places of the point.
@@ -504,7 +502,7 @@ def test_a_perfect_tracker_draws_the_true_path() -> None:
 
 def test_a_tracker_that_notices_nothing_stays_while_the_object_moves() -> None:
     poses = [planar_pose(np.array([0.002 * k, 0.0, 0.0])) for k in range(4)]
-    tracked, true = motion_paths(_outcomes([np.eye(4)] * 4, poses), CENTER)
+    tracked, true = motion_paths(_probes([np.eye(4)] * 4, poses), CENTER)
     np.testing.assert_allclose(tracked, np.tile(CENTER, (4, 1)), atol=1e-12)
     np.testing.assert_allclose(true[:, 0] - true[0, 0], [0.0, 0.002, 0.004, 0.006], atol=1e-12)
 

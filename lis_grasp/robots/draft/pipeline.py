@@ -19,7 +19,7 @@ from lis_grasp.records import fields_of, read_only
 from lis_grasp.robots._build_model import build_model, link_inertial
 from lis_grasp.robots._description import DescriptionEdits, apply_edits, parse_description
 from lis_grasp.robots._urdf import naming
-from lis_grasp.robots.collision import checker_of
+from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.draft._flat_pads import face_areas
 from lis_grasp.robots.draft._pads import fit_pads
 from lis_grasp.robots.draft._pregrasps import MOST_TURNED, Opening, find_palm_frame, find_pregrasps
@@ -106,7 +106,7 @@ def draft_hand(
         edits = described.edits
         if hand.kind == "parallel_jaw":
             hand, edits = _strong_enough(hand, edits)
-        postures = find_probe_postures(hand, checker_of(hand), rng=rng)
+        postures = find_probe_postures(hand, HandCollisionChecker(hand), rng=rng)
         hand = replace(hand, probe_postures=MappingProxyType(postures))
         silent = [finger for finger in hand.fingers if finger not in hand.probe_postures]
         if silent:
@@ -238,10 +238,10 @@ def _with_openings(
     pads that are turned by more: a hand with one motor cannot turn them as it closes.
     """
     hand = _without_postures(model, name, fit_pads(model, fingers))
-    checker = checker_of(hand)
+    checker = HandCollisionChecker(hand)
     exclusions = hand.self_collision_exclusions | find_exclusions(hand, checker, rng=rng)
     hand = replace(hand, self_collision_exclusions=exclusions)
-    checker = checker_of(hand)
+    checker = HandCollisionChecker(hand)
     openings = find_pregrasps(hand, checker, rng=rng)
     if openings or hand.kind == "parallel_jaw":
         return hand, openings

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration.states import new_contacts
+from lis_grasp.exploration.observations import new_contacts
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.logs.detection import TouchDetection
 from lis_grasp.probing.course import FREE_POINT_SPACING

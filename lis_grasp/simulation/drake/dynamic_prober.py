@@ -112,6 +112,11 @@ class DynamicProber:
         self._hull = np.asarray(mesh.convex_hull.vertices)
         self._X_EO = np.eye(4)
 
+    @property
+    def X_EO(self) -> FloatArray | None:
+        """True pose of a free object; see `SimulatedProber`."""
+        return None if self._free is None else self._X_EO
+
     def place_object(self, X_EO: FloatArray) -> None:
         """Place the true object, free and at rest, at a pose, shape (4, 4): that of a record."""
         self._X_EO = read_only(np.array(X_EO, dtype=np.float64))
@@ -135,8 +140,6 @@ class DynamicProber:
         """
         self._motion.place_object(self._X_EO)
         missed, course = self._motion.outcome(probe, obstacles)
-        if self._free is not None:
-            missed = replace(missed, simulated_pose=self._X_EO)
         if course is None:
             return missed
         try:
@@ -168,7 +171,7 @@ class DynamicProber:
             contacts, hand_pose = Contacts.empty(), None
             reason = f"{ARM_STOPPED}: {stopped.reason}"
         if self._free is not None:
-            missed = replace(missed, simulated_pose=self._X_EO, moved=self._displacement(before))
+            missed = replace(missed, moved=self._displacement(before))
         if not len(contacts):
             return replace(missed, status="blocked", reason=reason)
         contacts = replace(contacts, times=np.full(len(contacts), course.until_contact))

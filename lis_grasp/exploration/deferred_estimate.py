@@ -1,0 +1,67 @@
+"""Deferred estimate: the surface that guides touches, with what is derived from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import replace
+from functools import cached_property, partial
+from typing import Any, TypeVar, cast
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.surfaces import ImplicitSurface, carved
+from lis_grasp.surfaces.implicit_surface import DeferredSurface
+
+T = TypeVar("T")
+
+
+class DeferredEstimate(DeferredSurface):
+    """Surface that guides touches: estimated at the first use, and kept while few contacts come.
+
+    What is derived from it for each touch, the free space of its contacts too, is computed once.
+
+    Parameters
+    ----------
+    make
+        Estimates a surface from contacts.
+    contacts
+        At least one, in O, with the free space known then.
+    margin
+        Reduction of the radii of free space [m].
+    """
+
+    def __init__(
+        self, make: Callable[[Contacts], ImplicitSurface], contacts: Contacts, margin: float = 0.0
+    ) -> None:
+        super().__init__(partial(make, contacts))
+        self.contacts, self.margin = contacts, margin
+        self._derived: dict[str, tuple[Hashable, Any]] = {}
+
+    @classmethod
+    def of(cls, surface: ImplicitSurface, contacts: Contacts) -> DeferredEstimate:
+        """Return a surface that is one; any other is estimated from the contacts."""
+        return (
+            surface if isinstance(surface, DeferredEstimate) else cls(lambda _: surface, contacts)
+        )
+
+    def derived(self, name: str, key: Hashable, make: Callable[[], T]) -> T:
+        """Return what a function makes of the estimate, made once while its key is the same."""
+        if name not in self._derived or self._derived[name][0] != key:
+            self._derived[name] = key, make()
+        return cast(T, self._derived[name][1])
+
+    @cached_property
+    def _carved(self) -> ImplicitSurface:
+        return carved(self.surface, self.contacts, margin=self.margin)
+
+    def without_free_space(self, contacts: Contacts) -> ImplicitSurface:
+        """Return the estimate without the free space of the contacts so far; see `carved`."""
+        return carved(self._carved, self.later(contacts), margin=self.margin)
+
+    def later(self, contacts: Contacts) -> Contacts:
+        """Return the contacts so far, with the free space alone that came after the estimate."""
+        known = len(self.contacts.free_points)
+        return replace(
+            contacts,
+            free_points=contacts.free_points[known:],
+            free_radii=contacts.free_radii[known:],
+        )
