@@ -5,9 +5,9 @@ them needs Drake; what does is in `lis_grasp.simulation` and `lis_grasp.drake`.
 """
 
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from lis_grasp._moved import ADVICE, MovedModules, module_names, new_place
+from lis_grasp._moved import OldModules, module_names
 from lis_grasp.version import __version__
 
 if TYPE_CHECKING:
@@ -75,36 +75,8 @@ _HOMES = {
     "visualization": "Scene",
 }
 
-if MovedModules not in sys.meta_path:
-    sys.meta_path.append(MovedModules)  # last: it is asked for what nobody else finds
+if OldModules not in sys.meta_path:
+    sys.meta_path.insert(0, OldModules)  # type: ignore[arg-type]
 
 __all__ = ["__version__", "pipeline", "shapes", *" ".join(_HOMES.values()).split()]
-_load, __dir__ = module_names(__name__, __all__, _HOMES)
-
-
-def __getattr__(name: str) -> Any:
-    """Load a public name from its home on first use (PEP 562)."""
-    if name in __all__:
-        return _load(name)
-    raise AttributeError(f"module 'lis_grasp' has no attribute '{name}'{_advice(name)}")
-
-
-def _advice(name: str) -> str:
-    """Return what a guessed name should be, as the end of a message."""
-    if name.startswith("__"):
-        return ""
-    from importlib import import_module
-    from importlib.util import find_spec
-
-    from lis_grasp.exceptions import nearest_of
-
-    if place := new_place(f"lis_grasp.{name}"):
-        return f": {place}"
-    if name.lower() in ADVICE:
-        return ADVICE[name.lower()]
-    if find_spec(f"lis_grasp.{name}") is not None:
-        return f": write import lis_grasp.{name}"
-    for room in ("surfaces", "pipeline", "exploration", "grasping", "evaluation"):
-        if name in dir(import_module(f"lis_grasp.{room}")):
-            return f": write lis_grasp.{room}.{name}"
-    return nearest_of(name, __all__)
+__getattr__, __dir__ = module_names(__name__, __all__, _HOMES)

@@ -1,20 +1,50 @@
-"""Where names of version 1.4 are now, and what guessed names stand for, in sentences."""
+"""Old names: modules of 2.0 that resolve until 4.0, and sentences for those of 1.x."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from importlib.machinery import ModuleSpec
+from pkgutil import resolve_name
 from types import MappingProxyType, ModuleType
 from typing import Any
 
-from lis_grasp.exceptions import nearest_or_all
+# Modules of 2.0, and names of its packages, with their places now. They resolve until 4.0.
+MOVED = {
+    "lis_grasp.logs.detection": "lis_grasp.exploration.touch_detection",
+    "lis_grasp.pipeline.conditions": "lis_grasp.pipeline.names_of_2",
+    "lis_grasp.pipeline.contact_sources": "lis_grasp.stages.contact_sources",
+    "lis_grasp.pipeline.dexgraspbench": "lis_grasp.exports.dexgraspbench",
+    "lis_grasp.pipeline.exploring": "lis_grasp.results.exploring",
+    "lis_grasp.pipeline.file_stages": "lis_grasp.results.file_stages",
+    "lis_grasp.pipeline.known": "lis_grasp.stages.agent",
+    "lis_grasp.pipeline.labels": "lis_grasp.results.labels",
+    "lis_grasp.pipeline.lifting_stage": "lis_grasp.stages.lift",
+    "lis_grasp.pipeline.next_touch": "lis_grasp.stages.next_touch",
+    "lis_grasp.pipeline.object_models": "lis_grasp.exports.object_models",
+    "lis_grasp.pipeline.option": "lis_grasp.io.option",
+    "lis_grasp.pipeline.progress": "lis_grasp.results.progress",
+    "lis_grasp.pipeline.regrasp": "lis_grasp.stages.regrasp",
+    "lis_grasp.pipeline.report_json": "lis_grasp.results.report",
+    "lis_grasp.pipeline.results": "lis_grasp.results.run_results",
+    "lis_grasp.pipeline.results_folder": "lis_grasp.results.folder",
+    "lis_grasp.pipeline.run_config": "lis_grasp.pipeline.names_of_2",
+    "lis_grasp.pipeline.run_scene": "lis_grasp.results.page",
+    "lis_grasp.pipeline.scenario": "lis_grasp.stages.scenario",
+    "lis_grasp.pipeline.stages": "lis_grasp.stages.touch",
+    "lis_grasp.pipeline.summary": "lis_grasp.results.summary",
+    "lis_grasp.pipeline.touch_service": "lis_grasp.service.touch_service",
+    "lis_grasp.robots.joint_frames": "lis_grasp.logs.joint_frames",
+}
 
+# Names of 1.x, without the name of the package, and where they are now.
 _PLACES = {
     "arms.arm": "lis_grasp.robots.arm",
     "arms.arm_check": "lis_grasp.arms.check",
     "arms.arm_ik": "lis_grasp.robots.pose_ik",
     "arms.arm_kinematics": "lis_grasp.robots.kinematics",
-    "arms.arm_mount": "lis_grasp.arms.station",
+    "arms.arm_mount": "lis_grasp.arms.mounted_hand",
     "arms.grasp_motion": "lis_grasp.arms.transit",
     "arms.base_search": "lis_grasp.arms.placement",
     "arms.joint_trajectory": "lis_grasp.arms.trajectory",
@@ -40,21 +70,21 @@ _PLACES = {
         " lis_grasp.Hand, and the names are lis_grasp.robots.shipped_models.HAND_NAMES"
     ),
     "lifting.lift_outcome": "lis_grasp.lifting.outcome",
-    "mujoco_simulation": "lis_grasp.simulation.mujoco, in which simulate_in_mujoco is lift",
-    "pipeline.Stopwatch": "lis_grasp.stages.touch.Stopwatch",
+    "mujoco_simulation": "lis_grasp.simulation.mujoco.lift",
+    "pipeline.Stopwatch": "lis_grasp.results.progress.Stopwatch",
     "pipeline.join_sources": "lis_grasp.stages.contact_sources.join_sources",
     "pipeline.load_source": "lis_grasp.stages.contact_sources.load_source",
-    "pipeline.make_estimator": "lis_grasp.stages.touch.make_estimator",
+    "pipeline.make_estimator": "lis_grasp.stages.estimate.Perception.make",
     "pipeline.make_policy": "lis_grasp.stages.touch.make_policy",
     "pipeline.require_simulator": "lis_grasp.stages.lift.require_simulator",
-    "pipeline.workspace": "lis_grasp.stages.scenario.workspace",
-    "pipeline.make_station": "Scenario.known.station of lis_grasp.pipeline",
-    "pipeline.support_height": "Scenario.known.support of lis_grasp.pipeline",
+    "pipeline.workspace": "lis_grasp.stages.scenario.known_place",
+    "pipeline.make_station": "Scenario.agent.station of lis_grasp.pipeline",
+    "pipeline.support_height": "Scenario.agent.support_height of lis_grasp.pipeline",
     "pipeline.object_setup": "lis_grasp.stages.scenario",
     "pipeline.plugged_in": "lis_grasp.surfaces.estimators and lis_grasp.exploration.policy",
     "pipeline.pose_of": "Scenario.truth.X_WO of lis_grasp.pipeline",
-    "pipeline.prior_knowledge": "Scenario.known.space of lis_grasp.pipeline",
-    "pipeline.table_of": "Scenario.known.table of lis_grasp.pipeline",
+    "pipeline.prior_knowledge": "Scenario.agent.space of lis_grasp.pipeline",
+    "pipeline.table_of": "Scenario.agent.perception.support_height of lis_grasp.pipeline",
     "pipeline.touching": "lis_grasp.stages.touch",
     "shapes.convex_parts": "lis_grasp.shapes.solids",
     "simulation.dynamic_prober": "lis_grasp.simulation.drake.dynamic_prober",
@@ -66,54 +96,9 @@ _PLACES = {
     "visualization.run_scene": "lis_grasp.results.page",
 }
 
-# What guessed names and members stand for, in lower case, as the end of a message.
-ADVICE = {
-    name: f": write {call}"
-    for names, call in {
-        "blend fit gpis lis patch smooth": "estimate(contacts, method), as 'gpis' or 'lis'",
-        "draw plot scene() show view visualize": "Scene(estimate=..., contacts=...).save(path)",
-        "explore_object explorer sample_contacts touch": "explore(object, hand).contacts",
-        "grasp grasp_planner graspplanner plan_grasps planner": "plan(mesh, hand)",
-        "hand.list hand.names hand_names hands list_hands load_hand": "Hand.load('allegro')",
-        "grasp.lift lift_object simulate simulate_lift": "lift(object, hand, grasp)",
-        "load load_mesh load_object load_shape": "load_contacts(path) or shapes.find(name)",
-        "arm load_arm load_grasps": "robots.arm.Arm.load(name) or GraspSearch.load(path)",
-        "from_folder load_results load_run results": "Run.load(folder)",
-        "extract_mesh marching_cubes mesh reconstruct_mesh to_mesh": "extract_mesh(surface)",
-        "next_probe next_touch": "exploration.choose(...), or run `lis-grasp next`",
-        "contacts.to_csv contacts.to_ply save_contacts": "contacts.save(path)",
-        "save_mesh surface.save": "extract_mesh(surface).export(path)",
-        "chamfer chamfer_distance compare evaluate": "surface_error(mesh, truth)",
-        "ferrari_canny": "epsilon_quality(points, normals, friction=0.5)",
-        "shape_names": "shapes.NAMES",
-        "estimator estimators register_estimator": "surfaces.ESTIMATORS, or 'my.module:Class'",
-        "policies policy": "exploration.POLICIES, or 'my.module:Class'",
-        "contacts.concatenate contacts.extend contacts.merge": "append(contacts)",
-        "contacts.positions contacts.xyz": "points",
-        "grasp.contacts": "contact_points",
-        "grasp.score": "epsilon or success_probability",
-        "from_arrays from_numpy from_points": (
-            "Contacts(points, normals), or surfaces.estimate_normals(points)"
-        ),
-        "contacts.from_csv contacts.from_file contacts.from_ply": "load_contacts(path)",
-        "contacts() pointcloud": "load_contacts(path), or surfaces.estimate_normals(points)",
-        "hand.from_file hand.from_urdf hand.from_yaml": (
-            "Hand.load(path) of a YAML file, which `lis-grasp hand new FILE` writes"
-        ),
-        "runconfig.from_file runconfig.from_yaml": "RunConfig.from_facts(yaml.safe_load(text))",
-        "shape() shape.from_file shape.load": (
-            "shapes.load(path), or shapes.build(name), or Shape.from_mesh(mesh)"
-        ),
-        "distance sdf signed_distance": "evaluate(points): negative inside, 0 on the surface",
-        "normal normals": "gradient(points)",
-        "std variance": "uncertainty(points)",
-    }.items()
-    for name in names.split()
-}
-
 
 def new_place(name: str) -> str | None:
-    """Return a sentence that says where a module or name is now; None if it did not move."""
+    """Return a sentence that says where a name of 1.x is now; None if it is no such name."""
     place = _PLACES.get(name.removeprefix("lis_grasp."))
     return None if place is None else f"{name} is now {place}"
 
@@ -121,32 +106,50 @@ def new_place(name: str) -> str | None:
 def module_names(
     module: str, names: Sequence[str], homes: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return `__getattr__` and `__dir__` of a package, which say where a name of 1.4 is now.
+    """Return `__getattr__` and `__dir__` of a package, whose old names resolve.
 
-    `homes` are its modules, each with the names that are loaded from it on first use.
+    `homes` are modules of `lis_grasp`, each with the names that are loaded from it on first use.
+    A name of 1.x raises `AttributeError` with its new place.
     """
 
     def get(name: str) -> Any:
+        full = f"{module}.{name}"
+        if full in MOVED:
+            return resolve_name(MOVED[full])
         for home in homes:
             if name in (home, *homes[home].split()):
-                loaded = import_module(f"{module}.{home}")
+                loaded = import_module(f"lis_grasp.{home}")
                 return loaded if name == home else getattr(loaded, name)
-        advice = "" if name.startswith("_") else nearest_or_all(name, names)
-        place = new_place(f"{module}.{name}")
-        raise AttributeError(place or f"module '{module}' has no attribute '{name}'{advice}")
+        sentence = new_place(full) or f"module '{module}' has no attribute '{name}'"
+        raise AttributeError(sentence, name=name, obj=sys.modules[module])
 
     return get, lambda: sorted(names)
 
 
-class MovedModules:
-    """Finder that raises `ModuleNotFoundError` with the new place of a module that moved."""
+class OldModules:
+    """Finder and loader of modules by their old names.
 
-    @staticmethod
+    A module of 2.0 is loaded from its place of today, and is the same module under both names. One
+    of 1.x raises `ModuleNotFoundError` with its new place.
+    """
+
+    @classmethod
     def find_spec(
-        name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
-    ) -> None:
-        """Raise for a module that moved; find none otherwise."""
-        place = new_place(name) if name.startswith("lis_grasp.") else None
-        if place is not None:
+        cls, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Return the spec of a module of 2.0 that moved; None for one that did not."""
+        if name in MOVED:
+            return ModuleSpec(name, cls)  # type: ignore[arg-type]
+        if name.startswith("lis_grasp.") and (place := new_place(name)):
             # Without the attribute `name`, the sentence passes through `from package import name`.
             raise ModuleNotFoundError(place)
+        return None
+
+    @staticmethod
+    def create_module(spec: ModuleSpec) -> None:
+        """Leave the making of a module to Python."""
+
+    @staticmethod
+    def exec_module(module: ModuleType) -> None:
+        """Put the module of today into the place of an old name."""
+        sys.modules[module.__name__] = import_module(MOVED[module.__name__])

@@ -11,10 +11,10 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from lis_grasp.exceptions import InvalidContactsError
-from lis_grasp.geometry import apply_pose, inverse_pose, rotate
+from lis_grasp.geometry import UNIT_ROUNDING, UNIT_TOLERANCE, apply_pose, inverse_pose, rotate
 from lis_grasp.io.contact_files import read_contact_file, write_contact_file
 from lis_grasp.io.units import in_metres, require_plausible_size
-from lis_grasp.records import Answering, Record, fields_of, read_only
+from lis_grasp.records import Record, fields_of, read_only
 from lis_grasp.typing import FloatArray
 
 FARTHEST = 1e7
@@ -23,14 +23,9 @@ FARTHEST = 1e7
 HALF_SPACE = 100.0
 """Radius of balls of free space that stand for half-spaces [m]."""
 
-# Normals written with few digits are off unit length by less; anything further is a mistake.
-_UNIT_TOLERANCE = 1e-2
-# Upper bound of the rounding error of a normalised length.
-_ROUNDING = 4.0 * np.finfo(np.float64).eps
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Contacts(Record, metaclass=Answering):
+class Contacts(Record):
     """Oriented contact points of an object, in its frame O.
 
     Parameters
@@ -95,9 +90,9 @@ class Contacts(Record, metaclass=Answering):
         normals = _frozen_array("normals", self.normals, (count, 3))
         with np.errstate(over="ignore"):  # a length that overflows is not 1 either
             lengths = np.linalg.norm(normals, axis=1)  # (N,)
-        if np.any(np.abs(lengths - 1.0) > _UNIT_TOLERANCE):
+        if np.any(np.abs(lengths - 1.0) > UNIT_TOLERANCE):
             worst = int(np.argmax(np.abs(lengths - 1.0)))
-            exchanged = np.allclose(np.linalg.norm(points, axis=1), 1.0, atol=_UNIT_TOLERANCE)
+            exchanged = np.allclose(np.linalg.norm(points, axis=1), 1.0, atol=UNIT_TOLERANCE)
             cure = "exchange them with the points" if exchanged else "divide each by its length"
             raise InvalidContactsError(
                 f"normals must have unit length; normal {worst} has length {lengths[worst]:.4g}:"
@@ -106,7 +101,7 @@ class Contacts(Record, metaclass=Answering):
                 row=worst,
             )
         # A unit normal is kept to the last bit, so that saving and loading changes nothing.
-        off = np.abs(lengths - 1.0) > _ROUNDING
+        off = np.abs(lengths - 1.0) > UNIT_ROUNDING
         normals = np.where(off[:, None], normals / lengths[:, None], normals)
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "normals", read_only(normals))

@@ -6,14 +6,14 @@ import difflib
 import reprlib
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
 # Messages quote input, which may be a whole damaged file: the middle of a longer one is left out.
 _LONGEST = 800
-_MOST_NAMED = 8  # rows
+_MOST_NAMED = 8  # in a message
 
 
 def counted(number: int, thing: str) -> str:
@@ -24,8 +24,13 @@ def counted(number: int, thing: str) -> str:
 def named_rows(rows: Iterable[int]) -> str:
     """Return rows in words, counted from 1."""
     names = [str(row + 1) for row in rows]
+    return f"row{'s' if len(names) > 1 else ''} {listed(names)}"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return the first eight names in words, and the number of the others."""
     more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
-    return f"row{'s' if len(names) > 1 else ''} {', '.join(names[:_MOST_NAMED])}{more}"
+    return f"{', '.join(names[:_MOST_NAMED])}{more}"
 
 
 def shown(value: object) -> str:

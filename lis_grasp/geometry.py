@@ -14,6 +14,15 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
 
+UNIT_TOLERANCE = 1e-2
+"""Deviation of a normal's length from 1 when it is written with few digits; more is a mistake."""
+
+UNIT_ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
+"""Upper bound of the rounding error of a normalised length."""
+
+AXES = np.vstack([np.eye(3), -np.eye(3)])
+"""Unit vectors along x, y, z and against them, shape (6, 3)."""
+
 # Rounding in products of rotations is far below this.
 _ROTATION_TOLERANCE = 1e-6
 

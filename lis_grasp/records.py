@@ -1,4 +1,4 @@
-"""Helpers of records: copies, read-only arrays, subsets, texts, advice, and pickling."""
+"""Helpers of records: copies, read-only arrays, subsets, texts, and pickling."""
 
 from __future__ import annotations
 
@@ -8,9 +8,6 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
-
-from lis_grasp._moved import ADVICE
-from lis_grasp.exceptions import nearest_of, nearest_or_all
 
 # Entries of an array that are shown; of longer ones the shape is.
 _SHOWN = 4
@@ -29,54 +26,6 @@ class Record:
 
     def __deepcopy__(self: _Record, memo: dict[int, Any]) -> _Record:
         return self
-
-
-def _refuse(item: Any, name: str) -> Any:
-    """Raise the error of a member that is not there, with the right one for a guessed one.
-
-    Python asks here after an `AttributeError` inside a property too, whose own error is raised.
-    """
-    kind, default = (item, type) if isinstance(item, type) else (type(item), object)
-    if name.startswith("_") or name in dir(kind):
-        return default.__getattribute__(item, name)
-    owner, members = kind.__name__, {*dir(kind), *getattr(kind, "__dataclass_fields__", ())}
-    full = f"{owner[-7:] if owner.endswith('Surface') else owner}.{name}".lower()
-    public = (member for member in members if not member.startswith("_"))
-    advice = ADVICE.get(full) or ADVICE.get(name) or nearest_or_all(name, public)
-    raise AttributeError(f"'{owner}' has no attribute '{name}'{advice}", name=name, obj=item)
-
-
-Record.__getattr__ = _refuse  # type: ignore[attr-defined]
-
-
-class Answering(type):
-    """Metaclass of dataclasses that answer guessed members, class methods, and wrong calls."""
-
-    def __init__(cls, *args: Any) -> None:
-        super().__init__(*args)
-        cls.__getattr__ = _refuse  # type: ignore[assignment, method-assign]
-
-
-def _make(cls: Any, *args: Any, **values: Any) -> Any:
-    """Make an item of a class, with advice in the error of a wrong call."""
-    try:
-        return type.__call__(cls, *args, **values)
-    except TypeError as error:
-        if f"{cls.__name__}.__init__()" not in str(error):
-            raise
-        names = [item.name for item in fields(cls)]
-        nearest = (nearest_of(name, names) for name in values if name not in names)
-        advice = next(nearest, ADVICE.get(f"{cls.__name__}()".lower(), ""))
-        for maker in ("from_contacts", "load"):
-            if not advice and callable(getattr(cls, maker, None)):
-                given = ", ".join(map(_short, (*args, *values.values()))) or "..."
-                error = TypeError(f"{cls.__name__} is made by a class method")
-                advice = f": write {cls.__name__}.{maker}({given})"
-        raise TypeError(f"{error}{advice}") from None
-
-
-Answering.__getattr__ = _refuse  # type: ignore[attr-defined]
-Answering.__call__ = _make  # type: ignore[assignment, method-assign]
 
 
 class FrozenArrays:

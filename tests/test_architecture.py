@@ -30,13 +30,13 @@ STUDIES = Path(lis_grasp_studies.__file__).resolve().parent
 LAYERS = [
     ["_moved", "version", "exceptions", "typing", "records", "geometry"],
     ["io"],
-    ["contacts", "motion", "plugins"],
+    ["contacts", "motion", "plugins", "worker_pool"],
     ["shapes"],
     ["surfaces"],
     ["meshing"],
-    ["logs"],
     ["exploration"],
     ["robots"],
+    ["logs"],
     ["grasping"],
     ["arms"],
     ["probing"],
@@ -56,6 +56,9 @@ LAYERS = [
 ]
 # What decides for the robot: it may know the true object by contacts only.
 _ROBOT = ("exploration", "surfaces", "meshing", "grasping")
+_OF_VERBS = ("add_arguments", "execute")
+# A stage has one name in Python and one for its files.
+_STAGES = {"Estimate", "estimate", "explore", "lift", "plan", "run"}
 _TYPE_CHECKING = ast.dump(ast.Name("TYPE_CHECKING", ast.Load()))
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 
@@ -75,19 +78,24 @@ def _nodes(path: Path) -> tuple[ast.AST, ...]:
 
 @cache
 def _imports(path: Path) -> list[str]:
-    """Return every module that a file imports while it runs, inside functions too."""
+    """Return every module that a file imports, inside functions and for types too.
+
+    An `__init__.py` is a face: what it imports for types alone, it loads when a name is used.
+    """
     nodes = _nodes(path)
-    annotations = {
+    left_out = {
         child
         for node in nodes
-        if isinstance(node, ast.If) and ast.dump(node.test) == _TYPE_CHECKING
+        if path.name == "__init__.py"
+        and isinstance(node, ast.If)
+        and ast.dump(node.test) == _TYPE_CHECKING
         for child in ast.walk(node)
     }
     names = []
     for node in nodes:
-        if isinstance(node, ast.Import) and node not in annotations:
+        if isinstance(node, ast.Import) and node not in left_out:
             names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node not in annotations:
+        elif isinstance(node, ast.ImportFrom) and node not in left_out:
             assert node.level == 0, f"{path}: relative imports hide the direction of the flow"
             names += [f"{node.module}.{alias.name}" for alias in node.names]
     return names
@@ -123,6 +131,25 @@ def test_imports_follow_the_flow_without_circles() -> None:
     assert not upward
     circles = [group for group in nx.strongly_connected_components(graph) if len(group) > 1]
     assert not circles
+
+
+def test_a_module_depends_on_few_others() -> None:
+    """Propagation cost: the mean fraction of modules that a module reaches (MacCormack 2006)."""
+    graph = _import_graph()
+    reached = sum(len(nx.descendants(graph, module)) for module in graph)
+    assert reached / len(graph) ** 2 < 0.19
+
+
+def test_a_public_name_has_one_meaning() -> None:
+    """Top-level functions and classes; verbs of the command line have two functions each."""
+    homes: dict[str, set[str]] = {}
+    for path in _modules():
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+                homes.setdefault(node.name, set()).add(_module_name(path))
+    several = {name: places for name, places in homes.items() if len(places) > 1}
+    assert all(p.startswith("lis_grasp.cli.") for name in _OF_VERBS for p in several.pop(name))
+    assert not several.keys() - _STAGES, several
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,9 @@ from __future__ import annotations
 from copy import copy, deepcopy
 
 import numpy as np
-import pytest
 from made_grasps import jaw_grasp
 
 from lis_grasp import Contacts, GraspSearch, Hand, pipeline, shapes
-from lis_grasp.records import Record
 from lis_grasp.surfaces import ESTIMATORS, carved
 
 
@@ -39,17 +37,3 @@ def test_a_copy_of_a_record_is_the_record() -> None:
     outcome = exploration.outcomes[0]
     for record in (contacts, exploration, outcome, outcome.probe, search, *search):
         assert deepcopy(record) is copy(record) is record
-
-
-def test_an_error_inside_a_property_is_not_taken_for_a_missing_member() -> None:
-    class Broken(Record):
-        __slots__ = ()
-
-        @property
-        def extent(self) -> float:
-            return None.size  # type: ignore[attr-defined, no-any-return]
-
-    with pytest.raises(AttributeError, match="'NoneType' object has no attribute 'size'"):
-        _ = Broken().extent
-    with pytest.raises(AttributeError, match="'Broken' has no attribute 'absent': it has extent"):
-        _ = Broken().absent

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from lis_grasp.arms.collision import StationChecker
+from lis_grasp.arms.mounted_hand import CLEARANCE, mount_of
 from lis_grasp.arms.placement import REGION, choose_base, home_of, palm_targets, reach_fraction
-from lis_grasp.arms.station import CLEARANCE, Station, mount_of
+from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.geometry import apply_pose, cross, inverse_pose, rotate
 from lis_grasp.robots.arm import Arm

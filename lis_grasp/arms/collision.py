@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import fcl
 import numpy as np
@@ -10,12 +10,10 @@ import numpy.typing as npt
 import trimesh
 from trimesh.collision import mesh_to_BVH
 
+from lis_grasp.arms.mounted_hand import MountedHand
 from lis_grasp.geometry import apply_pose
 from lis_grasp.robots.body_pairs import BodyPairs, balls_around, outline, pairs_of_bodies
 from lis_grasp.typing import BoolArray, FloatArray
-
-if TYPE_CHECKING:
-    from lis_grasp.arms.station import Station
 
 Obstacle = Literal["table", "obstacle", "object", "self"]
 
@@ -37,7 +35,7 @@ class StationChecker:
 
     def __init__(
         self,
-        station: Station,
+        station: MountedHand,
         mesh: trimesh.Trimesh | None = None,
         *,
         margin: float = 0.0,
@@ -190,7 +188,7 @@ class _Obstacle:
         return np.asarray(np.linalg.norm(outside, axis=-1))
 
 
-def _pairs(station: Station) -> npt.NDArray[np.intp]:
+def _pairs(station: MountedHand) -> npt.NDArray[np.intp]:
     """Return the pairs of bodies of arm and hand that must not touch, (P, 2)."""
     arm, hand = station.arm, station.hand
     order, last = arm.joints_before, arm.joints_before[arm.flange]

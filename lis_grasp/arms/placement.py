@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from lis_grasp.arms.collision import StationChecker
-from lis_grasp.arms.reach import APPROACH, KEPT, SEEDS, best_solutions, track
+from lis_grasp.arms.reach import KEPT, SEEDS, best_solutions, track
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.exceptions import InvalidArmError
 from lis_grasp.geometry import cross, make_pose, rotate, tangent_frame, unit
+from lis_grasp.grasping.grasps import STANDOFF
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import BoolArray, FloatArray
@@ -94,7 +95,7 @@ def reached(station: Station, targets: FloatArray) -> BoolArray:
         X_WH = targets[waiting, turn]
         pose, q = best_solutions(station, station.solve_ik(X_WH, seeds=SEEDS), kept=KEPT)
         forward = rotate(X_WH[pose], station.hand.approach_H)
-        straight = track(station, q, X_WH[pose], -APPROACH * forward).followed
+        straight = track(station, q, X_WH[pose], -STANDOFF * forward).followed
         done[waiting[pose[straight]]] = True
     return done
 

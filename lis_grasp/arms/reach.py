@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
 
 from lis_grasp.arms.collision import StationChecker
+from lis_grasp.arms.mounted_hand import MountedHand
 from lis_grasp.geometry import rotate
+from lis_grasp.grasping.grasps import LIFT, STANDOFF
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.pose_ik import ArmSolutions
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
-
-if TYPE_CHECKING:
-    from lis_grasp.arms.station import Station
 
 STEP = 0.02
 """Largest distance between tracked poses of the palm [m]."""
@@ -25,8 +23,6 @@ JUMP = 0.35
 
 SEEDS, KEPT = 4, 2
 """Seeds of the inverse kinematics of a pose, and its solutions that are tried."""
-APPROACH, LIFT = 0.12, 0.1
-"""Lengths of the straight approach to a grasp, and of the straight lift [m]."""
 
 _SAME = 0.1  # solutions with joints this near are one [rad or m]
 _FAR = 0.1  # worth of being near home, of that of being off the joint limits [1]
@@ -44,7 +40,7 @@ class Tracked:
     followed: BoolArray  # (B,): to the end, within limits and without a jump
 
 
-def track(station: Station, q: FloatArray, X_WH: FloatArray, moved: FloatArray) -> Tracked:
+def track(station: MountedHand, q: FloatArray, X_WH: FloatArray, moved: FloatArray) -> Tracked:
     """Track straight motions of the palm without turning, by translations (3,) or (B, 3) in W [m].
 
     They start at the joint positions q (B, J), with the palm at X_WH (B, 4, 4).
@@ -96,7 +92,7 @@ class ReachFilter:
     The object is the closed mesh of its estimate in W [m]; None for none.
     """
 
-    def __init__(self, station: Station, mesh: trimesh.Trimesh | None = None) -> None:
+    def __init__(self, station: MountedHand, mesh: trimesh.Trimesh | None = None) -> None:
         self._station = station
         self._checker = StationChecker(station, mesh, arm_only=True)
 
@@ -111,7 +107,7 @@ class ReachFilter:
         solutions = self._station.solve_ik(X_WH, seeds=SEEDS, first=self._station.arm.home)
         pose, q = best_solutions(self._station, solutions, kept=KEPT)
         forward = rotate(X_WH[pose], self._station.hand.approach_H)
-        away = track(self._station, q, X_WH[pose], -APPROACH * forward)
+        away = track(self._station, q, X_WH[pose], -STANDOFF * forward)
         up = track(self._station, q, X_WH[pose], np.array([0.0, 0.0, LIFT]))
         motions: list[ArmGrasp | str] = [
             "no_straight_arm_motion" if reached else "out_of_arm_reach"
@@ -145,7 +141,7 @@ class ReachFilter:
 
 
 def best_solutions(
-    station: Station, solutions: ArmSolutions, *, kept: int
+    station: MountedHand, solutions: ArmSolutions, *, kept: int
 ) -> tuple[IndexArray, FloatArray]:
     """Return up to `kept` different solutions of each target, the best first.
 
@@ -192,7 +188,7 @@ class ProbeReach:
     collide with neither table, nor itself, nor what is known of the object.
     """
 
-    def __init__(self, station: Station) -> None:
+    def __init__(self, station: MountedHand) -> None:
         self._station = station
         self._checker = StationChecker(station, arm_only=True)
 

@@ -261,3 +261,13 @@ def _largest_x(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
     flat = ~up & ~down & (b > _TINY)
     largest = min(largest, float((c[flat] / b[flat]).min(initial=np.inf)))
     return max(largest, 0.0)
+
+
+def minimum_jerk(phase: float) -> tuple[float, float]:
+    """Return the minimum-jerk path from 0 to 1 at `phase`, and its derivative; at rest outside.
+
+    Formula: ``s = 10 u^3 - 15 u^4 + 6 u^5`` (Flash and Hogan 1985), at rest at both ends. A path
+    of length d in time T accelerates by at most ``5.77 d / T^2``.
+    """
+    u = min(max(phase, 0.0), 1.0)
+    return u**3 * (10.0 - 15.0 * u + 6.0 * u**2), 30.0 * u**2 * (1.0 - u) ** 2

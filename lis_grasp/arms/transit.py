@@ -12,8 +12,16 @@ from lis_grasp.arms.collision import StationChecker
 from lis_grasp.arms.placement import home_of
 from lis_grasp.arms.reach import ArmGrasp, ReachFilter
 from lis_grasp.arms.station import Station
-from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory, joined, time_path, without_repeats
+from lis_grasp.arms.trajectory import (
+    TIME_STEP,
+    JointTrajectory,
+    joined,
+    minimum_jerk,
+    time_path,
+    without_repeats,
+)
 from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
 
 SPEED = 0.1
@@ -25,11 +33,10 @@ NO_PATH = "no_collision_free_arm_path"
 MARGIN = 0.01
 """Distance of a path from the object and the table [m], where its ends permit it."""
 
-# No point of arm or hand moves farther between two checked postures [m]: half of it is the margin.
-_SPACING = 2.0 * MARGIN
 _COARSE = 0.15  # steps of a joint in which that motion is measured [rad or m]
 _ITERATIONS = 1500  # postures that are tried, before planning is given up
 _SHORTCUTS = 40  # that are tried
+_CLOSING, _STEP = 1.0, 0.02  # time in which the hand closes, and between two points of it [s]
 
 
 class TransitPlanner:
@@ -85,7 +92,8 @@ class _Edges:
             :, None
         ]
         travel = self._checker.travel(start + coarse * (end - start), self._q_hand)
-        count = max(int(np.ceil(travel / _SPACING)), 1)
+        # No point moves farther between two checked postures than twice the margin.
+        count = max(int(np.ceil(travel / (2.0 * MARGIN))), 1)
         parts = np.arange(1, count + 1)[:, None] / count
         return bool(self._checker.free(start + parts * (end - start), self._q_hand).all())
 
@@ -225,3 +233,18 @@ def _palm_speed(station: Station, motion: JointTrajectory) -> float:
     _, jacobians = station.jacobians(motion.positions)
     velocities = jacobians[:, :3] @ motion.velocities[..., None]
     return float(np.linalg.norm(velocities[..., 0], axis=1).max())
+
+
+def closing_motion(hand: Hand, grasp: Grasp) -> JointTrajectory:
+    """Return the motion of the hand's joints from opened to the grasp."""
+    times = np.linspace(0.0, _CLOSING, round(_CLOSING / _STEP) + 1)
+    parts = np.array([minimum_jerk(time / _CLOSING) for time in times])  # (T, 2)
+    way = grasp.joint_positions - grasp.pregrasp_positions
+    velocities = parts[:, 1:] / _CLOSING * way
+    return JointTrajectory(
+        hand.joint_names,
+        times,
+        grasp.pregrasp_positions + parts[:, :1] * way,
+        velocities,
+        np.gradient(velocities, times, axis=0),
+    )

@@ -13,25 +13,20 @@ import trimesh
 
 from lis_grasp.arms.placement import best_bases
 from lis_grasp.arms.station import Station, Table
-from lis_grasp.arms.trajectory import JointTrajectory
-from lis_grasp.arms.transit import GraspMotion, plan_grasp_motion
+from lis_grasp.arms.transit import GraspMotion, closing_motion, plan_grasp_motion
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.io.trajectory_files import write_joint_trajectory, write_trajectory_csv
-from lis_grasp.lifting.wrist_path import minimum_jerk
-from lis_grasp.results.file_stages import recorded_base
 from lis_grasp.results.summary import REJECTIONS
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import ARM_NAMES
 from lis_grasp.stages.agent import base_at, find_obstacles
-from lis_grasp.task.recorded_facts import read_facts
+from lis_grasp.task.recorded_facts import read_facts, recorded_base
 from lis_grasp.task.task import Task
-
-_CLOSING, _STEP = 1.0, 0.02  # time in which the hand closes, and between two points of it [s]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -82,7 +77,7 @@ def execute(options: argparse.Namespace) -> None:
         stage.result = (
             f"grasp {rank}, {motion.approach.duration:.1f} s to it, {motion.lift.duration:.1f} s up"
         )
-    closing = _closing(hand, grasps[rank])
+    closing = closing_motion(hand, grasps[rank])
     for name, part in (("approach", motion.approach), ("close", closing), ("lift", motion.lift)):
         columns = part.joint_names, part.times, part.positions, part.velocities
         write_trajectory_csv(folder / f"{name}.csv", *columns)
@@ -141,18 +136,3 @@ def _stations(
     if X_EA is None:
         return best_bases(arm, hand, table=table)
     return [Station.make(arm, hand, X_EA, table=table)]
-
-
-def _closing(hand: Hand, grasp: Grasp) -> JointTrajectory:
-    """Return the motion of the hand's joints from opened to the grasp."""
-    times = np.linspace(0.0, _CLOSING, round(_CLOSING / _STEP) + 1)
-    parts = np.array([minimum_jerk(time / _CLOSING) for time in times])  # (T, 2)
-    way = grasp.joint_positions - grasp.pregrasp_positions
-    velocities = parts[:, 1:] / _CLOSING * way
-    return JointTrajectory(
-        hand.joint_names,
-        times,
-        grasp.pregrasp_positions + parts[:, :1] * way,
-        velocities,
-        np.gradient(velocities, times, axis=0),
-    )

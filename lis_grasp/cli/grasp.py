@@ -80,8 +80,8 @@ def execute(options: argparse.Namespace) -> None:
     if options.label:
         require_packages("pyarrow", extra="study", option="--label")
     used = opt.given(options, "units", "up", *PLANNED_WITH)
-    support, output = options.support, options.output
-    made = grasp_file(options.mesh, output, support=support, progress=PRINTED, **used)
+    output = options.output
+    made = grasp_file(options.mesh, output, support=options.support, progress=PRINTED, **used)
     say_search(made.search)
     if made.search.grasps and made.recorded.get("estimator") == "lis":
         say(f"warning: {_ON_LIS}")
@@ -132,22 +132,18 @@ def _write_dexgraspbench(
     from lis_grasp.simulation.mujoco.dexgraspbench_protocol import dexgraspbench_protocol
 
     name = Path(made.recorded.get("object", source)).stem
-    mesh, hand, grasps, support = (
-        made.mesh,
-        made.agent.hand,
-        made.search.grasps,
-        made.agent.support_height,
-    )
+    mesh, hand, grasps = made.mesh, made.agent.hand, made.search.grasps
+    support_height = made.agent.support_height
     if "object" in made.recorded:
         mesh = placed_as_recorded(find_object(made.task.world), made.recorded).mesh
     with Stage("Splitting into convex pieces") as stage:
         pieces = convex_pieces(mesh)
         stage.result = str(len(pieces))
     folder = made.path.with_name("dexgraspbench")
-    target = TabletopObject(name, pieces, support)
+    target = TabletopObject(name, pieces, support_height)
     folder = save_for_dexgraspbench(folder, target, hand, grasps, labels)
     with Stage("Testing by the protocol of DexGraspBench") as stage:
-        tests = [dexgraspbench_protocol(hand, g, pieces, support) for g in grasps]
+        tests = [dexgraspbench_protocol(hand, g, pieces, support_height) for g in grasps]
         lifts, holds = (sum(getattr(t, f) for t in tests) for f in ("table_lift", "force_test"))
         stage.result = f"of {len(tests)} grasps {lifts} pass the table lift, {holds} the force test"
     write_json(folder / "protocol.json", [asdict(test) for test in tests])

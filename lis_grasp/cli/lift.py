@@ -16,7 +16,7 @@ _OPTIONS = ("arm", "base", "mass", "friction", "simulator")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     parser.add_argument("grasps_file", type=Path, metavar="GRASPS", help="grasps.json of `grasp`")
-    opt.add_object(parser, required_name=False)
+    opt.add_object_argument(parser, required_name=False)
     parser.add_argument(
         "--best", type=int, default=1, metavar="N", help="lift with the N best grasps (default: 1)"
     )

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import gc
 import logging
 import re
 import signal
 import sys
-import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from importlib import import_module
-from types import FrameType, ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from threadpoolctl import threadpool_limits
 
 from lis_grasp.cli.examples import EXAMPLES, format_examples
+from lis_grasp.cli.importing import import_uncollected, interrupts_after_imports
 from lis_grasp.cli.progress import complain, open_streams, say
 from lis_grasp.exceptions import (
     InvalidInputError,
@@ -55,16 +53,6 @@ _VERBS = (
     ("doctor", "doctor", "check this machine, or the files of a hand, and list fixes"),
 )
 _CORE_VERBS = tuple(name for name, _, _ in _VERBS)
-
-# Exit code of a program whose reader has ended, as of a shell: 128 and the number of SIGPIPE.
-_READER_ENDED = 141
-
-_AGAIN = 0.02  # [s] after which an interrupt during an import is raised again
-_IMPORT = "<frozen importlib"  # begins the name of the file of importing code
-
-# Objects created between garbage collections, by generation. Arrays, which take the memory, are not
-# in cycles; Python's own threshold of 700 costs a twentieth of a run.
-_GARBAGE_THRESHOLDS = (50_000, 20, 20)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -125,11 +113,11 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
         verb_parser = add_verb(name, text, EXAMPLES[name])
         if verb in (None, name):
             load = partial(import_module, f"lis_grasp.cli.{module}")
-            _import_uncollected(load).add_arguments(verb_parser)
+            import_uncollected(load).add_arguments(verb_parser)
     if verb not in _CORE_VERBS:
         registry = _verb_registry()
         for name in (verb,) if verb else registry.names[len(_CORE_VERBS) :]:
-            added = _import_uncollected(partial(registry.find, name))
+            added = import_uncollected(partial(registry.find, name))
             verb_parser = add_verb(name, added.HELP, added.EXAMPLES)
             if verb in (None, name):
                 added.add_arguments(verb_parser)
@@ -146,21 +134,6 @@ def _verb_registry() -> Registry:
     from lis_grasp.plugins import Registry
 
     return Registry("verb", dict.fromkeys(_CORE_VERBS))
-
-
-def _import_uncollected(load: Callable[[], ModuleType]) -> ModuleType:
-    """Import a module without garbage collection, which is seldom from then on.
-
-    What modules create stays.
-    """
-    gc.disable()
-    try:
-        return load()
-    finally:
-        if not gc.get_freeze_count():  # once a process: garbage that is frozen stays for ever
-            gc.freeze()
-            gc.set_threshold(*_GARBAGE_THRESHOLDS)
-        gc.enable()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -187,7 +160,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         complain(f"lis-grasp: {_message(error, arguments)}")
         return 2 if isinstance(error, InvalidInputError) else 1
     except BrokenPipeError:
-        return _READER_ENDED
+        return 128 + signal.SIGPIPE  # as a shell reports it
     except OSError as error:  # of a file that no reader or writer of the package owns
         complain(f"lis-grasp: {error.filename or 'a file'}: {error.strerror or error}")
         return 1
@@ -231,42 +204,6 @@ def _notes_only() -> Iterator[None]:
             yield
         finally:
             logging.getLogger().removeHandler(silent)
-
-
-@contextmanager
-def interrupts_after_imports() -> Iterator[None]:
-    """Raise KeyboardInterrupt on Ctrl-C, but not during an import, which is finished first.
-
-    Libraries swallow an interrupt in their optional imports, or stay half imported and fail later.
-    A handler that is not Python's own is left alone.
-    """
-    ours = threading.current_thread() is threading.main_thread()
-    if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield
-        return
-    signal.signal(signal.SIGINT, _interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    if _is_importing(frame):
-        main = threading.main_thread().ident
-        timer = threading.Timer(_AGAIN, signal.pthread_kill, (main, number))
-        timer.daemon = True
-        timer.start()
-        return
-    signal.default_int_handler(number, frame)
-
-
-def _is_importing(frame: FrameType | None) -> bool:
-    while frame is not None:
-        if frame.f_code.co_filename.startswith(_IMPORT):
-            return True
-        frame = frame.f_back
-    return False
 
 
 if __name__ == "__main__":

@@ -170,7 +170,7 @@ def configure_touch(options: argparse.Namespace) -> Task:
     return Task.of(known=known, **given)
 
 
-def add_object(parser: argparse.ArgumentParser, *, required_name: bool = True) -> None:
+def add_object_argument(parser: argparse.ArgumentParser, *, required_name: bool = True) -> None:
     """Add the object to touch or lift, with its size and units."""
     text = _OPTIONS["object"].help
     if required_name:
@@ -189,7 +189,7 @@ def add_output(parser: argparse.ArgumentParser, default: str) -> None:
 
 def add_exploration(parser: argparse.ArgumentParser, *later: str) -> None:
     """Add the object, the conditions and the options of an exploration, and those of `later`."""
-    add_object(parser)
+    add_object_argument(parser)
     add_conditions(parser)
     add_options(parser, *TOUCH, *later)
     parser.add_argument(

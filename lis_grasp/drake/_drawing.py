@@ -55,13 +55,13 @@ class Drawing:
         return True
 
 
-def draw_contacts(meshcat: Meshcat, path: str, contacts: Contacts) -> None:
+def show_contacts(meshcat: Meshcat, path: str, contacts: Contacts) -> None:
     """Draw contacts as their outward normals."""
     ends = contacts.points + _NORMAL * contacts.normals
     meshcat.SetLineSegments(path, contacts.points.T, ends.T, _LINE, Rgba(*_CONTACT))
 
 
-def draw_estimate(meshcat: Meshcat, path: str, mesh: trimesh.Trimesh) -> None:
+def show_estimate(meshcat: Meshcat, path: str, mesh: trimesh.Trimesh) -> None:
     """Draw an estimate's mesh, coloured by its uncertainty from 0 (dark) to 2.5 % of its size."""
     uncertainty = np.asarray(mesh.vertex_attributes["uncertainty"])
     scale = ColourScale.of_object(float(mesh.extents.max()), uncertainty)
@@ -70,7 +70,7 @@ def draw_estimate(meshcat: Meshcat, path: str, mesh: trimesh.Trimesh) -> None:
     meshcat.SetTriangleColorMesh(path, vertices, faces, np.asfortranarray(colours.T))
 
 
-def draw_hand(
+def show_hand(
     meshcat: Meshcat, path: str, hand: Hand, X_EH: FloatArray, q: FloatArray, colour: Rgba
 ) -> None:
     """Draw the collision bodies of a hand in a posture q (J,), its palm at X_EH (4, 4)."""

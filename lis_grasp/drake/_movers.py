@@ -12,14 +12,13 @@ from pydrake.trajectories import PiecewisePolynomial, PiecewisePose
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.arms.station import Station
-from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory, joined
+from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory, joined, minimum_jerk
 from lis_grasp.drake._hand_motion import LEVER, HandMotion
 from lis_grasp.drake._ports import rigid
 from lis_grasp.exploration.probe_motions import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.exploration.states import NextProbe
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import apply_pose, inverse_pose, make_pose, relative_rotation
-from lis_grasp.lifting.wrist_path import minimum_jerk
 from lis_grasp.probing.course import Course, path_back, path_out
 from lis_grasp.probing.probe_planner import NO_ARM_TRANSIT, ProbePlanner, home_of, transit_radii
 from lis_grasp.robots.hand import Hand

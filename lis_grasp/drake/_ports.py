@@ -15,7 +15,7 @@ _Value = TypeVar("_Value")
 _Made = TypeVar("_Made")
 
 
-def add_output(
+def declare_output(
     system: LeafSystem,
     name: str,
     empty: object,
@@ -32,7 +32,7 @@ def add_output(
     return port
 
 
-def read(port: InputPort, context: Context, kind: type[_Value], source: str) -> _Value:
+def read_port(port: InputPort, context: Context, kind: type[_Value], source: str) -> _Value:
     """Return the value of an input port.
 
     Drake connects ports of any two Python values. So the type is checked here.

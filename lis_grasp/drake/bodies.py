@@ -82,7 +82,7 @@ def add_hand(
     if instance is not None:
         return hand_plant.find_hand(plant, found, instance)
     _require_open(plant, name)
-    added = hand_plant.add_hand(
+    added = hand_plant.add_hand_model(
         plant, found, name=name, gains=gains, friction=friction, modulus=modulus
     )
     add_visuals(plant, found, added.links)
@@ -140,7 +140,7 @@ def add_object(
     require_load(mass=mass, friction=friction)
     flat = merge_flat_faces(shape.mesh)
     _require_open(plant, name)
-    body = object_plant.add_object(plant, flat, mass=mass, friction=friction, name=name).body
+    body = object_plant.add_object_body(plant, flat, mass=mass, friction=friction, name=name).body
     look = Mesh(in_memory(shape.mesh, name))
     plant.RegisterVisualGeometry(body, RigidTransform(), look, f"{name}_visual", _WOOD)
     return body

@@ -10,8 +10,8 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.drake._drawing import Drawing, draw_hand
-from lis_grasp.drake._ports import MadeOnce, add_output, read, rigid
+from lis_grasp.drake._drawing import Drawing, show_hand
+from lis_grasp.drake._ports import MadeOnce, declare_output, read_port, rigid
 from lis_grasp.drake.surface_estimator import Estimate
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
@@ -102,8 +102,8 @@ class GraspPlanner(LeafSystem):
         self._made = MadeOnce[Estimate, GraspSearch](self._search)
         needs = {self._estimate.ticket()}
         none: tuple[float, RigidTransform] = (np.inf, RigidTransform())
-        self.grasp = add_output(self, "grasp", none, self._best, needs)
-        self.plan = add_output(self, "plan", GraspSearch((), {}, 0), self._planned, needs)
+        self.grasp = declare_output(self, "grasp", none, self._best, needs)
+        self.plan = declare_output(self, "plan", GraspSearch((), {}, 0), self._planned, needs)
         for name in ("joint_positions", "pregrasp_positions", "squeeze_efforts"):
 
             def calculate(context: Context, output: object, name: str = name) -> None:
@@ -114,7 +114,7 @@ class GraspPlanner(LeafSystem):
     def _planned(self, context: Context) -> GraspSearch:
         """Return the plan for the estimate, and draw it if it is new."""
         source = "the output 'estimate' of a SurfaceEstimator"
-        search = self._made(read(self._estimate, context, Estimate, source))
+        search = self._made(read_port(self._estimate, context, Estimate, source))
         if self._drawing is not None:
             self._drawing.show(
                 search, context.get_time(), lambda meshcat, path: self._draw(meshcat, path, search)
@@ -150,7 +150,7 @@ class GraspPlanner(LeafSystem):
     def _draw(self, meshcat: Meshcat, path: str, search: GraspSearch) -> None:
         for k, grasp in enumerate(search):
             colour = Rgba(*(_OTHER if k else _BEST))
-            draw_hand(meshcat, f"{path}/{k}", self._hand, grasp.X_OH, grasp.joint_positions, colour)
+            show_hand(meshcat, f"{path}/{k}", self._hand, grasp.X_OH, grasp.joint_positions, colour)
 
 
 def squeeze_efforts(hand: Hand, grasp: Grasp) -> FloatArray:

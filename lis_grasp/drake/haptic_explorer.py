@@ -15,7 +15,7 @@ from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
 from lis_grasp.drake._hand_motion import HandMotion, Mover
 from lis_grasp.drake._movers import ArmMover, FreeMover
-from lis_grasp.drake._ports import add_output, read
+from lis_grasp.drake._ports import declare_output, read_port
 from lis_grasp.drake.surface_estimator import Estimate
 from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.exploration import (
@@ -194,14 +194,14 @@ class HapticExplorer(LeafSystem):
         index = self.DeclareAbstractState(AbstractValue.Make(start))
         state = {self.abstract_state_ticket(index)}
         moving = state | {self.time_ticket()}
-        self.X_WG = add_output(self, "X_WG", RigidTransform(), self._pose, moving)
+        self.X_WG = declare_output(self, "X_WG", RigidTransform(), self._pose, moving)
         joints = 2 * len(self._actuated)
         self.DeclareVectorOutputPort("joint_state", joints, self._joint_state, moving)
         if arm_joints:
             self.DeclareVectorOutputPort("arm_state", 2 * arm_joints, self._arm_state, moving)
         self.DeclareVectorOutputPort("listening", 1, self._listening, moving)
         self.DeclareVectorOutputPort("done", 1, self._done, state)
-        self.exploration = add_output(
+        self.exploration = declare_output(
             self, "exploration", Exploration(empty, ()), self._explored, state
         )
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
@@ -229,7 +229,7 @@ class HapticExplorer(LeafSystem):
         """Return the progress after a probe: the next probe's motion, or the end."""
         contacts, now = self._read_contacts(context), context.get_time()
         source = "the output 'estimate' of a SurfaceEstimator"
-        estimate = read(self._estimate, context, Estimate, source)
+        estimate = read_port(self._estimate, context, Estimate, source)
 
         def estimated(known: Contacts) -> ImplicitSurface:
             assert estimate.solid is not None
@@ -290,7 +290,9 @@ class HapticExplorer(LeafSystem):
         return HandPose(X_EH, joints[: len(joints) // 2])
 
     def _read_contacts(self, context: Context) -> Contacts:
-        return read(self._contacts, context, Contacts, "the output 'contacts' of a TouchSensor")
+        return read_port(
+            self._contacts, context, Contacts, "the output 'contacts' of a TouchSensor"
+        )
 
     def _pose(self, context: Context) -> RigidTransform:
         progress, elapsed = _at(context)

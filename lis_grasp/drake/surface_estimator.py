@@ -12,8 +12,8 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.drake._drawing import Drawing, draw_contacts, draw_estimate
-from lis_grasp.drake._ports import MadeOnce, add_output, read
+from lis_grasp.drake._drawing import Drawing, show_contacts, show_estimate
+from lis_grasp.drake._ports import MadeOnce, declare_output, read_port
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.exploration import TactileSensor
 from lis_grasp.records import Record
@@ -55,9 +55,9 @@ class Estimate(Record):
     def draw(self, meshcat: Meshcat, path: str = "lis_grasp/estimate") -> None:
         """Draw the mesh, coloured by its uncertainty, and the contacts, in E."""
         if len(self.contacts):
-            draw_contacts(meshcat, f"{path}/contacts", self.contacts)
+            show_contacts(meshcat, f"{path}/contacts", self.contacts)
         if self.mesh is not None:
-            draw_estimate(meshcat, f"{path}/mesh", self.mesh)
+            show_estimate(meshcat, f"{path}/mesh", self.mesh)
 
 
 class SurfaceEstimator(LeafSystem):
@@ -127,7 +127,7 @@ class SurfaceEstimator(LeafSystem):
         empty = Contacts.empty()
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(empty))
         self._made = MadeOnce[Contacts, Estimate](lambda contacts: Estimate(contacts, perception))
-        self.estimate = add_output(
+        self.estimate = declare_output(
             self,
             "estimate",
             Estimate(empty, perception),
@@ -141,7 +141,7 @@ class SurfaceEstimator(LeafSystem):
 
     def _read(self, context: Context) -> Contacts:
         source = "the output 'contacts' of a TouchSensor"
-        return read(self._contacts, context, Contacts, source)
+        return read_port(self._contacts, context, Contacts, source)
 
     def _draw(self, context: Context) -> EventStatus:
         """Draw the estimate if there are new contacts."""

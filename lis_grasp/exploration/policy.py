@@ -16,7 +16,6 @@ from lis_grasp.exploration.extent import extent_probe, since_first_contact
 from lis_grasp.exploration.observations import Landmark
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import (
-    AXES,
     axis_probe,
     concavity_probe,
     is_flat,
@@ -26,6 +25,7 @@ from lis_grasp.exploration.probe_motions import (
 from lis_grasp.exploration.region import Region, search_probe
 from lis_grasp.exploration.targets import Targets
 from lis_grasp.exploration.workspace import Workspace
+from lis_grasp.geometry import AXES
 from lis_grasp.plugins import Guarded, Registry, errors_of
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray

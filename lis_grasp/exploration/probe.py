@@ -13,14 +13,11 @@ import trimesh
 from lis_grasp.contacts import FARTHEST, Contacts, checked_radii
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.geometry import apply_pose, inverse_pose, require_pose, rotate
+from lis_grasp.geometry import UNIT_ROUNDING, apply_pose, inverse_pose, require_pose, rotate
 from lis_grasp.records import Record, read_only, short_repr
 from lis_grasp.typing import BoolArray, FloatArray
 
 ProbeStatus = Literal["touched", "missed", "blocked"]
-
-# Largest change of a length by normalisation.
-_ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,4 +247,4 @@ def _unit(name: str, values: npt.ArrayLike) -> FloatArray:
     if length == 0.0:
         raise InvalidOptionError.out_of_range(name, vector.tolist(), "longer than 0")
     # A unit vector keeps its bits, so that files survive any number of rounds.
-    return read_only(vector if abs(length - 1.0) < _ROUNDING else vector / length)
+    return read_only(vector if abs(length - 1.0) < UNIT_ROUNDING else vector / length)

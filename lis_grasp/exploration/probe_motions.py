@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import Workspace
-from lis_grasp.geometry import cross, hull_crossing, unit
+from lis_grasp.geometry import AXES, cross, hull_crossing, unit
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -28,9 +28,6 @@ TRANSIT_SPEED = 0.25
 
 ARM_PROBE_SPEED, ARM_APPROACH_SPEED, ARM_RETREAT_SPEED = 0.02, 0.05, 0.1
 """Speeds of a hand that an arm carries [m/s]: after a touch its inertia runs on."""
-
-AXES = np.vstack([np.eye(3), -np.eye(3)])
-"""Directions of the first probes, shape (6, 3)."""
 
 SAME_DIRECTION = float(np.cos(np.radians(50.0)))
 """Two directions count as one if their cosine is above this."""

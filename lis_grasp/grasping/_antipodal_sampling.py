@@ -109,12 +109,12 @@ def sample_contact_sets(
 
 
 def family_of(
-    hand: Hand, X_OH: FloatArray, q: FloatArray, normals: FloatArray, floor: float
+    hand: Hand, X_OH: FloatArray, q: FloatArray, normals: FloatArray, support_height: float
 ) -> GraspFamily:
     """Return the family of a grasp with contact normals (C, 3), on a support at a height [m]."""
     if normals[:, 2].min() < -_STEEPEST and normals[:, 2].max() > _STEEPEST:
         return "rim"
-    return "table" if hand.slides_at(X_OH, q, floor) else "pinch"
+    return "table" if hand.slides_at(X_OH, q, support_height) else "pinch"
 
 
 def _radii(hand: Hand) -> FloatArray:

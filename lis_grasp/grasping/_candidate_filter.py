@@ -10,17 +10,12 @@ import trimesh
 
 from lis_grasp.geometry import apply_pose, rotate
 from lis_grasp.grasping.grasp_batch import GraspBatch
-from lis_grasp.grasping.grasps import Reach
+from lis_grasp.grasping.grasps import LIFT, STANDOFF, Reach
 from lis_grasp.grasping.inverse_kinematics import solve_ik
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import SEATING, Hand
 from lis_grasp.robots.robot_model import Pad
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
-
-STANDOFF = 0.12
-"""Length of the straight approach, which must be free [m]."""
-LIFT = 0.1
-"""Length of the straight lift, which must be free of obstacles [m]."""
 
 _MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
 _MAX_AXIS_ERROR = 0.02  # [rad] of a contact beyond its pad's border

@@ -23,7 +23,6 @@ _BLADE = 2.0 * np.cos(np.deg2rad(150.0) / 2.0)
 _EDGE_STEP = 0.001  # [m] between points that are sampled along a sharp edge
 # A rounded pad rests on an edge in any direction between the normals of its faces. One is taken at
 # each point, spread by the golden ratio.
-_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 _NORMAL_UNIT = 0.006  # [m]: distance that counts as much as normals one apart
 SEARCH_RADIUS = 0.005
 """Largest distance of a contact from its nearest sample along the tangent plane [m]."""
@@ -225,7 +224,8 @@ def _on_edges(
     points: FloatArray, normals: FloatArray, *, rounded: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Return contacts on points (P, 3) of edges between faces with the normals (P, 2, 3)."""
-    spread = _GOLDEN * np.arange(1, len(points) + 1) % 1.0
+    golden = 0.5 * (np.sqrt(5.0) - 1.0)
+    spread = golden * np.arange(1, len(points) + 1) % 1.0
     part = spread if rounded else np.full(len(points), 0.5)
     angles = angle_between(normals[:, 0], normals[:, 1])
     # Spherical linear interpolation: from the first normal to the second one.

@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import needed_package
 from lis_grasp.geometry import inverse_pose, rotate_back
-from lis_grasp.grasping._candidate_filter import LIFT, STANDOFF
-from lis_grasp.grasping.grasps import Grasp, GraspSearch
+from lis_grasp.grasping.grasps import LIFT, STANDOFF, Grasp, GraspSearch
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.records import fields_of
 from lis_grasp.robots.hand import Hand

@@ -109,8 +109,8 @@ class GraspScorer:
             for friction, weight in prior.frictions()
         ]
         self._median = self._models[0][0]
-        floor = -np.inf if support_height is None else support_height
-        self._contacts = PadContacts.on(mesh, hand, floor=floor)
+        height = -np.inf if support_height is None else support_height
+        self._contacts = PadContacts.on(mesh, hand, support_height=height)
         # The same draws for every grasp, whenever its qualities are computed.
         self._seed = int(rng.integers(2**63))
         self.rejected: Counter[str] = Counter()
@@ -213,7 +213,9 @@ class GraspScorer:
             quality=quality | {"grip": -float(np.sum(forces * normals))},
             accepted=f"force closure at friction {self._prior.friction:g}, reached, free of"
             " collision",
-            family=family_of(hand, batch.X_OH[k], batch.q[k], normals, self._contacts.floor),
+            family=family_of(
+                hand, batch.X_OH[k], batch.q[k], normals, self._contacts.support_height
+            ),
         )
 
     def loads_per_grip(self, batch: GraspBatch) -> FloatArray:

@@ -19,6 +19,11 @@ from lis_grasp.robots.robot_model import GraspFamily
 from lis_grasp.shapes.object_mass import USUAL_FRICTION, USUAL_MASS, require_load
 from lis_grasp.typing import FloatArray
 
+STANDOFF = 0.12
+"""Length of the straight approach, which must be free [m]."""
+LIFT = 0.1
+"""Length of the straight lift, which must be free of obstacles [m]."""
+
 # Nodes and weights of the Gauss-Hermite rule with three nodes, for a standard normal variable.
 _NODES, _WEIGHTS = (0.0, -np.sqrt(3.0), np.sqrt(3.0)), (2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0)
 

@@ -21,9 +21,8 @@ from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 EFFORT_FRACTION = 0.9
 """Fraction of the joint efforts for a squeeze: the springs need some to keep the posture."""
 
-# Balance first, then the total, then evenness: each two orders of magnitude behind the last.
+# Balance first, then the total, whose weight is 1, then evenness.
 _BALANCE_WEIGHT = 100.0
-_TOTAL_WEIGHT = 1.0
 _EVENNESS_WEIGHT = 0.03
 
 
@@ -177,12 +176,12 @@ def balanced_grip(
     columns = wrenches.reshape(-1, 6).T  # (6, C E)
     unknowns = columns.shape[1]
     even = np.full(unknowns, _EVENNESS_WEIGHT * total / unknowns)
-    sums = _TOTAL_WEIGHT * np.ones((1, unknowns))
+    sums = np.ones((1, unknowns))
     matrix = np.vstack([_BALANCE_WEIGHT * columns, sums, _EVENNESS_WEIGHT * np.eye(unknowns)])
     wanted = np.zeros(6)
     if load is not None:
         force, point = load
         turning = cross(point - points.mean(axis=0), force) / length
         wanted = -_BALANCE_WEIGHT * np.concatenate([force, turning])
-    coefficients, _ = nnls(matrix, np.concatenate([wanted, [_TOTAL_WEIGHT * total], even]))
+    coefficients, _ = nnls(matrix, np.concatenate([wanted, [total], even]))
     return np.einsum("ce,cek->ck", coefficients.reshape(len(points), -1), edges)

@@ -157,7 +157,8 @@ class ForceClosureSampler:
                 mesh, lowest=lowest, rng=rng, bends=True, pad_radius=tip
             )
             search.draw_enough(2 * self.candidates, count)
-        for search.limits in (NARROW, AT_RIMS) if "rim" in self.hand.families else (NARROW,):
+        for limits in (NARROW, AT_RIMS) if "rim" in self.hand.families else (NARROW,):
+            search.limits = limits
             if not len(search):
                 search.draw_enough(search.drawn + self.candidates // 4, count)
         search.refine(count)

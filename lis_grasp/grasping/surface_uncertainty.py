@@ -98,13 +98,15 @@ class PadContacts:
     surface: UncertainSurface
     tree: MeshTree
     face_normals: FloatArray  # (triangles, 3)
-    floor: float  # [m]: height below which no pad gets, as the support stops it; or -inf
+    support_height: float  # [m]: height below which no pad gets, as the support stops it; or -inf
 
     @classmethod
-    def on(cls, mesh: trimesh.Trimesh, hand: Hand, *, floor: float = -np.inf) -> PadContacts:
+    def on(
+        cls, mesh: trimesh.Trimesh, hand: Hand, *, support_height: float = -np.inf
+    ) -> PadContacts:
         """Return the contacts of a hand's pads on a mesh, see `UncertainSurface.from_mesh`."""
         surface, normals = UncertainSurface.from_mesh(mesh), np.asarray(mesh.face_normals)
-        return cls(hand, surface, MeshTree(mesh), normals, floor)
+        return cls(hand, surface, MeshTree(mesh), normals, support_height)
 
     def sample(
         self, batch: GraspBatch, *, samples: int, seed: int
@@ -149,7 +151,7 @@ class PadContacts:
             beside = np.concatenate([along * tangents for along in _FACE_POINTS], axis=-2)
         inward = np.broadcast_to(inward[..., None, :], beside.shape)
         centers = pad_at[..., None, :] + beside - pad.radius * inward
-        centers[..., 2] = np.maximum(centers[..., 2], self.floor + pad.radius)
+        centers[..., 2] = np.maximum(centers[..., 2], self.support_height + pad.radius)
         points, normals, travel = self._advance(centers - _GAP * inward, inward, pad.radius)
         meets = (travel < travel.min(axis=-1, keepdims=True) + _FLUSH)[..., None]
         meets &= travel[..., None] < _GAP + SEARCH_RADIUS

@@ -16,7 +16,7 @@ from defusedxml import DefusedXmlException, ElementTree
 from lis_grasp.geometry import apply_pose, make_pose
 from lis_grasp.io._mesh_text import triangulate
 from lis_grasp.io._slicer_parts import SlicerParts, left_out
-from lis_grasp.io.limits import MOST_ELEMENTS, ReadError, reason_of, require_small_archive
+from lis_grasp.io.limits import MOST_UNPACKED, ReadError, reason_of, require_small_archive
 from lis_grasp.typing import FloatArray, IntArray
 
 _UNITS_3MF: Mapping[str, float] = {
@@ -94,8 +94,8 @@ def read_3mf(path: Path) -> Archived:
                 others += kinds
                 placed.append((apply_pose(X, vertices), corners[printed]))
             uses += [(part, number, component, X) for component in _components(element)]
-            size += sum(len(vertices) + len(faces) for vertices, faces in meshes)
-            if len(uses) > _MOST_USES or size > MOST_ELEMENTS:
+            size += sum(vertices.nbytes + corners.nbytes for vertices, corners in meshes)
+            if len(uses) > _MOST_USES or size > MOST_UNPACKED:
                 raise ReadError(f"it has components inside of themselves, or over {_MOST_USES}")
     if not placed and others:
         raise ReadError(f"all that it has is no matter: {others[0]}", "mark the object as printed")

@@ -16,9 +16,7 @@ import numpy.typing as npt
 import plyfile
 from plyfile import PlyData, PlyElement
 
-from lis_grasp.io.limits import MEBIBYTE, ReadError, announced_rows, reading
-
-_MOST_BYTES = 512 * MEBIBYTE
+from lis_grasp.io.limits import MOST_BYTES, ReadError, announced_rows, reading
 
 # Lists that are read at once where all have this length; else row by row, which is slow.
 _TRIANGLES = {"face": {"vertex_indices": 3, "vertex_index": 3}}
@@ -31,7 +29,7 @@ def read_ply(path: Path) -> PlyData:
     Raises `InvalidFileError` if the file is missing, damaged or no PLY, has more than 512 MiB, or
     announces more rows than it has bytes.
     """
-    with reading(path, "PLY", most=_MOST_BYTES):
+    with reading(path, "PLY", most=MOST_BYTES):
         announced_rows(path)
         with suppress(plyfile.PlyParseError, ValueError, OverflowError, Warning):
             return _read_columns(path)

@@ -11,21 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidFileError, note
+from lis_grasp.geometry import UNIT_TOLERANCE
 from lis_grasp.io._point_columns import NORMAL, POINT
 from lis_grasp.io.csv_tables import DECIMAL_COMMA, cell_number, text_of, uncommented
 from lis_grasp.io.limits import (
     MEBIBYTE,
     MOST_UNPACKED,
     ReadError,
-    announced_array,
     array_names,
     read_arrays,
 )
 
 Columns = dict[str, npt.NDArray[Any]]
 
-# Columns without names are normals if their lengths are within this of 1.
-_UNIT_TOLERANCE = 1e-2
 _SIDES = {"points": POINT, "normals": NORMAL, "approach": ("ax", "ay", "az")}
 # Names of arrays of an NPZ that mean the same.
 _NAMES = {
@@ -81,7 +79,7 @@ def positional(path: Path, rows: Sequence[Sequence[str]]) -> Columns:
         with np.errstate(over="ignore"):
             lengths = np.linalg.norm(others, axis=1)
         known = lengths[np.isfinite(lengths) & (lengths > 0.0)]
-        if len(known) and (np.abs(known - 1.0) < _UNIT_TOLERANCE).all():
+        if len(known) and (np.abs(known - 1.0) < UNIT_TOLERANCE).all():
             note(f"{path}: columns 4 to 6 have length 1, and are read as normals")
             return columns | dict(zip(NORMAL, others.T, strict=True))
     note(f"{path}: columns from the fourth on are not used: they are no normals of length 1")
@@ -90,7 +88,6 @@ def positional(path: Path, rows: Sequence[Sequence[str]]) -> Columns:
 
 def read_npy(path: Path) -> Columns:
     """Return the columns of an array of shape (..., 3), (..., 6) with normals, or with names."""
-    announced_array(path)
     return _named(path, "points", np.load(path, allow_pickle=False))
 
 

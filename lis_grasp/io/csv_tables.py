@@ -56,7 +56,7 @@ def factor_of(path: Path, title: str, unit: str, units: Mapping[str, float]) -> 
     return units.get(unit, 1.0)
 
 
-def numbers(path: Path, rows: list[list[str]], column: int, name: str) -> FloatArray:
+def column_numbers(path: Path, rows: list[list[str]], column: int, name: str) -> FloatArray:
     """Return a column of a table as numbers, NaN where it is blank."""
     return np.array([cell_number(path, row[column], n + 1, name) for n, row in enumerate(rows)])
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import stat
 import zipfile
@@ -10,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -25,8 +24,11 @@ MEBIBYTE = 2**20
 MOST_UNPACKED = 256 * MEBIBYTE
 """Size of a text, and of what an archive unpacks to."""
 
-MOST_ELEMENTS = 20_000_000
-"""Vectors and indices of a glTF's accessors, and of its meshes wherever a node uses them."""
+MOST_BYTES = 512 * MEBIBYTE
+"""Size of a mesh file and of a PLY."""
+
+PLY_HEADER = 65_536
+"""Bytes in which the header of a PLY, or of a file of results, ends."""
 
 MOST_NODES = 50_000
 """Values and keys of a YAML file, those of an alias counted wherever it is used."""
@@ -40,12 +42,7 @@ _REASONS: Mapping[type[Exception], str] = {
     zipfile.BadZipFile: "it is no ZIP archive, or cut off",
 }
 _QUOTED = 60  # letters of a line in a message
-_PLY_HEADER = 65_536  # bytes
 _PLY_ELEMENT = re.compile(rb"^element[ \t]+(\S+)[ \t]+(\d{1,18})", re.MULTILINE)
-_ARRAY_HEADERS = {
-    (1, 0): np.lib.format.read_array_header_1_0,
-    (2, 0): np.lib.format.read_array_header_2_0,
-}
 
 
 def require_file_size(path: Path, most: int) -> None:
@@ -91,6 +88,8 @@ def reason_of(error: Exception, kind: str) -> str:
         return f"line {line}{quoted} is no {kind}, or it is cut off there"
     if found := re.search(r"to float: b?'(.*)'|base 10: '(.*)'", str(error)):
         return f"it has {shown(found[1] or found[2])} where a number is needed"
+    if str(error).startswith("Object arrays"):
+        return "an array has Python objects, which are not read"
     if isinstance(error, KeyError) and str(error.args[0]).isidentifier():
         return f"it lacks {error.args[0]}"
     return f"it is damaged, or no {kind}"
@@ -111,7 +110,7 @@ def reading(
     except InvalidFileError:
         raise
     except OSError as error:
-        message = f"cannot read {path}: {error.strerror or error}"
+        message = f"cannot read {error.filename or path}: {error.strerror or error}"
         raise InvalidFileError(message, path=path) from None
     except Exception as error:  # noqa: BLE001
         cure = getattr(error, "cure", "") or advice
@@ -125,7 +124,7 @@ def announced_rows(path: Path) -> dict[str, int]:
     Raises ValueError if they are more than it has bytes.
     """
     with path.open("rb") as file:
-        head = file.read(_PLY_HEADER).partition(b"end_header")[0]
+        head = file.read(PLY_HEADER).partition(b"end_header")[0]
     if not head.startswith(b"ply"):
         raise ReadError("it does not begin with ply")
     rows = {name.decode("ascii", "replace"): int(n) for name, n in _PLY_ELEMENT.findall(head)}
@@ -157,9 +156,6 @@ def read_arrays(path: Path, names: Sequence[str]) -> list[npt.NDArray[Any]]:
             )
         members = [archive.getinfo(f"{name}.npy") for name in names]
         require_small_archive(members)
-        for member in members:
-            with archive.open(member) as packed:
-                _require_announced_array(packed, member.file_size)
         return [np.load(archive.open(member), allow_pickle=False) for member in members]
 
 
@@ -167,27 +163,6 @@ def array_names(path: Path) -> list[str]:
     """Return the names of the arrays in an .npz file; errors as of `read_arrays`."""
     with reading(path, "NPZ"), path.open("rb") as file, zipfile.ZipFile(file) as archive:
         return [n.removesuffix(".npy") for n in archive.namelist() if n.endswith(".npy")]
-
-
-def announced_array(path: Path) -> None:
-    """Raise ValueError for an .npy file that announces more than it has, or pickled objects."""
-    with path.open("rb") as file:
-        _require_announced_array(file, path.stat().st_size)
-
-
-def _require_announced_array(packed: IO[bytes], size: int) -> None:
-    """Raise ValueError for an array that announces more than its file of `size` bytes has."""
-    try:
-        version = np.lib.format.read_magic(packed)
-    except ValueError:
-        raise ReadError("it is no array of NumPy") from None
-    if version not in _ARRAY_HEADERS:
-        raise ReadError(f"an array has the unknown format {version}")
-    shape, _, dtype = _ARRAY_HEADERS[version](packed)
-    if dtype.hasobject:
-        raise ReadError("an array has Python objects, which are not read")
-    if math.prod(shape) * max(dtype.itemsize, 1) > size:
-        raise ReadError("an array announces more than it has")
 
 
 class _LimitedLoader(yaml.SafeLoader):

@@ -23,7 +23,7 @@ from lis_grasp.io._gltf import require_readable_gltf
 from lis_grasp.io._mesh_archives import plain_dae, read_3mf
 from lis_grasp.io._mesh_text import as_triangles, plain_obj, read_off, read_ply_polygons, read_stl
 from lis_grasp.io.content_kinds import named_by_content, require_kind
-from lis_grasp.io.limits import MEBIBYTE, ReadError, announced_rows, reading
+from lis_grasp.io.limits import MOST_BYTES, ReadError, announced_rows, reading
 from lis_grasp.io.units import require_resolved
 from lis_grasp.typing import FloatArray, IntArray
 
@@ -36,7 +36,6 @@ TO_Z_UP: Mapping[str, FloatArray] = MappingProxyType(
 )
 """Rotations that turn an axis which points up to z, the others as COLLADA orders them."""
 
-_MOST_BYTES = 512 * MEBIBYTE
 _STL_OR_3MF = "export it as STL or 3MF from"
 _WAYS = {
     f"{_STL_OR_3MF} a CAD program such as FreeCAD": ".step .stp .iges .igs .brep .fcstd",
@@ -89,8 +88,7 @@ def read_mesh(
     ------
     InvalidFileError
         If the file is missing, empty, of another format, larger than 512 MiB, or damaged, has less
-        than it announces, requires an extension that is not read, or is a glTF that announces more
-        than `limits.MOST_ELEMENTS`.
+        than it announces, or requires an extension that is not read.
     """
     ending = path.suffix.lower()
     if ending not in formats:
@@ -103,7 +101,7 @@ def read_mesh(
     if not os.path.isfile(path):
         message = f"there is no file {path.name} in {path.absolute().parent}: check the path; if"
         raise InvalidFileError(f"{message} results record it, its option names another", path=path)
-    kind, most = ending[1:].upper(), _MOST_BYTES
+    kind, most = ending[1:].upper(), MOST_BYTES
     with named_by_content(path), reading(path, kind, most=most, advice="export it again"):
         if not path.stat().st_size:
             raise ReadError("it is empty")
@@ -144,9 +142,8 @@ def _read(path: Path, ending: str, merge: bool, materials: bool) -> MeshFile:
         case ".dae":
             content, unit, up = plain_dae(path.read_bytes())
             return MeshFile(_load(path, content, merge, materials), unit, up)
-    announced = require_readable_gltf(path)
-    mesh = _load(path, path.read_bytes(), merge, materials)
-    return MeshFile(_complete(mesh, announced), 1.0, "y")
+    require_readable_gltf(path)
+    return MeshFile(_load(path, path.read_bytes(), merge, materials), 1.0, "y")
 
 
 def _complete(mesh: trimesh.Trimesh, announced: int) -> trimesh.Trimesh:

@@ -12,14 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.io.limits import PLY_HEADER
 from lis_grasp.version import __version__
 
 _MARK = "lis_grasp "
-# A PLY header is a few hundred bytes; the rest is data.
-_HEADER_BYTES = 65536
 _DIGEST_LENGTH = 16
 # The package, and its root, which names nearly all modules but imports none before they are used.
-_PACKAGE = Path(__file__).resolve().parents[1]
+_PACKAGE = Path(__file__).resolve().parent.parent
 _ROOT = _PACKAGE / "__init__.py"
 _IMPORT = re.compile(r"^\s*from (lis_grasp[\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
@@ -115,7 +114,7 @@ def read(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
             if path.suffix.lower() == ".json":
                 content = json.loads(file.read().decode("utf-8"))
                 return parse(str(content.get("header", ""))) if isinstance(content, dict) else {}
-            head = file.read(_HEADER_BYTES)
+            head = file.read(PLY_HEADER)
     except OSError as error:
         raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
     except (ValueError, RecursionError):

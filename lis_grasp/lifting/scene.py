@@ -8,7 +8,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from lis_grasp.lifting.outcome import ArmUse, Reason
+from lis_grasp.arms.use import ArmUse
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import WristPath, rest_at
 from lis_grasp.motion import Motion
@@ -30,14 +30,6 @@ class CarrierMotion:
 
     duration: float  # [s]
     command: Callable[[float], None]  # the state that belongs to a time since the start [s]
-
-
-class ArmStoppedError(Exception):
-    """The arm cannot go on, for a reason that ends the trial."""
-
-    def __init__(self, reason: Reason) -> None:
-        super().__init__(reason)
-        self.reason: Reason = reason
 
 
 class Carrier(Protocol):

@@ -7,11 +7,12 @@ from functools import partial
 
 import numpy as np
 
+from lis_grasp.arms.use import ArmStoppedError
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.lifting.closing import SETTLE_TIME, SETTLED, AcceptGrasp, Closing
 from lis_grasp.lifting.object_in_hand import SlipWatch
 from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome, Reason
-from lis_grasp.lifting.scene import CONTROL_RATE, ArmStoppedError, LiftingScene
+from lis_grasp.lifting.scene import CONTROL_RATE, LiftingScene
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import WristPath, line, rest_at, shake_about
 from lis_grasp.motion import OBJECT

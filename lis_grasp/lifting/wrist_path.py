@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.arms.trajectory import JointTrajectory
+from lis_grasp.arms.trajectory import JointTrajectory, minimum_jerk
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.pose_ik import damped_step, pose_error
 from lis_grasp.typing import FloatArray
@@ -39,16 +39,6 @@ def line(start: FloatArray, end: FloatArray, duration: float) -> WristPath:
         return start + part * (end - start), rate / duration * (end - start)
 
     return path
-
-
-def minimum_jerk(phase: float) -> tuple[float, float]:
-    """Return the minimum-jerk path from 0 to 1 at `phase`, and its derivative; at rest outside.
-
-    Formula: ``s = 10 u^3 - 15 u^4 + 6 u^5`` (Flash and Hogan 1985), at rest at both ends. A path
-    of length d in time T accelerates by at most ``5.77 d / T^2``.
-    """
-    u = min(max(phase, 0.0), 1.0)
-    return u**3 * (10.0 - 15.0 * u + 6.0 * u**2), 30.0 * u**2 * (1.0 - u) ** 2
 
 
 def shake_about(

@@ -17,8 +17,8 @@ from lis_grasp.io.csv_tables import (
     ANGLES,
     NEWTONS,
     SECONDS,
+    column_numbers,
     factor_of,
-    numbers,
     read_table,
     without_unit,
 )
@@ -174,9 +174,9 @@ def read_columns(path: Path) -> LogColumns:
             )
         units = SECONDS if key[1] == "time" else _UNITS.get(key[1], ANGLES)
         factor = _NANO if text == "%time" else factor_of(path, title, unit, units)
-        values[key], titles[key] = numbers(path, rows, k, title) * factor, title
+        values[key], titles[key] = column_numbers(path, rows, k, title) * factor, title
     if stamp:
-        seconds, rest = (numbers(path, rows, k, names[k]) for k in stamp)
+        seconds, rest = (column_numbers(path, rows, k, names[k]) for k in stamp)
         values["", "time"] = seconds + _NANO * rest
         titles["", "time"] = " and ".join(names[k] for k in stamp)
     unused += _of_joints(values, titles)

@@ -8,7 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from lis_grasp.exceptions import InvalidFileError, note
-from lis_grasp.io.csv_tables import ANGLES, SECONDS, factor_of, numbers, read_table, without_unit
+from lis_grasp.io.csv_tables import (
+    ANGLES,
+    SECONDS,
+    column_numbers,
+    factor_of,
+    read_table,
+    without_unit,
+)
 from lis_grasp.logs._columns import FORCES, POINT, read_columns
 from lis_grasp.logs._streams import (
     LONGEST_GAP,
@@ -92,7 +99,7 @@ class CsvLog:
             parts = set(re.split(r"[./]", text))
             for name in parts & lowered.keys() if not _OTHERS & parts else ():
                 factor = factor_of(self._path, title, unit, {**ANGLES, "m": 1.0, "mm": 1e-3})
-                positions = factor * numbers(self._path, rows, k, title)
+                positions = factor * column_numbers(self._path, rows, k, title)
                 found.setdefault(lowered[name], []).append(
                     JointSeries(title, self._times, positions)
                 )

@@ -7,8 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from lis_grasp.exceptions import InvalidInputError, note
+from lis_grasp.exploration.touch_detection import (
+    APPROACH_NOISE,
+    FORCE_NOISE,
+    TouchDetection,
+    Touches,
+)
 from lis_grasp.io.units import LARGEST
-from lis_grasp.logs.detection import APPROACH_NOISE, FORCE_NOISE, TouchDetection, Touches
 from lis_grasp.logs.readers import RobotLog
 from lis_grasp.typing import FloatArray
 

@@ -11,6 +11,7 @@ import networkx as nx
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from lis_grasp.contacts import FARTHEST
 from lis_grasp.exceptions import InvalidInputError, note
 from lis_grasp.geometry import inverse_pose, make_pose, unit
 from lis_grasp.typing import FloatArray
@@ -20,7 +21,6 @@ Content = Literal["force", "pose", "transforms", "joints", "other"]
 
 # A pose between two samples farther apart than this is unknown [s].
 LONGEST_GAP = 0.25
-_FARTHEST = 1e7  # [m]
 _UNIT_TOLERANCE = 0.1
 
 
@@ -90,7 +90,7 @@ class TimedPoses:
         length, are dropped; a note counts them by the name of the stream.
         """
         count = len(times)
-        valid = np.isfinite(times) & np.all(np.abs(values) < _FARTHEST, axis=1)
+        valid = np.isfinite(times) & np.all(np.abs(values) < FARTHEST, axis=1)
         times, values = times[valid], values[valid]
         lengths = np.linalg.norm(values[:, 3:], axis=1)
         valid = np.abs(lengths - 1.0) < _UNIT_TOLERANCE

@@ -9,6 +9,13 @@ from scipy.ndimage import uniform_filter1d
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidInputError, InvalidOptionError
+from lis_grasp.exploration.touch_detection import (
+    TOUCHES,
+    TouchDetection,
+    Touches,
+    contacts_of_touches,
+    detect_touches,
+)
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.io.option import at_least, option, place, record_of_options
 from lis_grasp.logs._doubts import (
@@ -18,9 +25,8 @@ from lis_grasp.logs._doubts import (
     require_places,
 )
 from lis_grasp.logs._streams import LONGEST_GAP, Content, FrameTree, TimedForces
-from lis_grasp.logs.detection import TouchDetection, Touches, contacts_of_touches, detect_touches
 from lis_grasp.logs.readers import RobotLog
-from lis_grasp.logs.reading import TOPICS, TOUCHES
+from lis_grasp.logs.reading import TOPICS
 from lis_grasp.typing import FloatArray
 
 _LARGEST_FORCE = 1e9  # [N]

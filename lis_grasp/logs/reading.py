@@ -11,7 +11,7 @@ from lis_grasp.logs._columns import ORIENTATIONS, Orientation
 Clock = Literal["header", "recording"]
 CLOCKS: tuple[str, ...] = get_args(Clock)
 
-TOPICS, TOUCHES = "topics; repeat the first three for several fingers", "touches"
+TOPICS = "topics; repeat the first three for several fingers"
 PATCHES = "tactile patches (.npz)"
 """Groups of options in the help."""
 

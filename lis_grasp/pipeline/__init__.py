@@ -12,7 +12,10 @@ True
 """
 
 from importlib import import_module
+from pkgutil import resolve_name
 from typing import Any
+
+from lis_grasp._moved import MOVED
 
 _HOMES = {
     "ContactSource": "stages.contact_sources",
@@ -45,7 +48,9 @@ __dir__ = sorted(_HOMES).copy
 
 def __getattr__(name: str) -> Any:
     """Load a name from its home on first use (PEP 562)."""
-    home = _HOMES.get(name)
+    home, full = _HOMES.get(name), f"lis_grasp.pipeline.{name}"
+    if full in MOVED:
+        return resolve_name(MOVED[full])
     if home is None:
         raise AttributeError(f"module 'lis_grasp.pipeline' has no attribute '{name}'")
     room, _, last = home.rpartition(".")

@@ -10,10 +10,17 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.estimate import Perception, SurfaceEstimate
 from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.task.robot import REAL_SENSOR as REAL_SENSOR
+from lis_grasp.task.task import IDEAL_SENSOR as IDEAL_SENSOR
 from lis_grasp.task.task import KNOWN, PARTS, Task, task_options
+from lis_grasp.task.world import PROBERS as PROBERS
+from lis_grasp.task.world import SIMULATORS as SIMULATORS
 
 UNKNOWN = {name: value for name, value in Task().facts().items() if name in KNOWN}
 """The conditions without ``--known``, by option; today the defaults of `Task`."""
+
+CONDITIONS = {"known": KNOWN, "unknown": UNKNOWN}
+"""Both by name."""
 
 
 class RunConfig(Task):

@@ -42,8 +42,6 @@ NO_ARM_TRANSIT = "the arm has no collision-free path from its home to the approa
 # off a ball that is smaller by these [m], and where the hand begins inside, by fractions of it.
 _INSIDE = (0.015, 0.03)
 _FRACTIONS = (0.6, 0.3)
-# The same transit is planned for the same probe.
-_SEED = 0
 
 
 class ProbePlanner:
@@ -147,7 +145,7 @@ class ArmTransits:
         """
         for radius in transit_radii(space):
             planner = self._planner(space, radius)
-            rng = np.random.default_rng(_SEED)
+            rng = np.random.default_rng(0)  # the same transit in equal calls
             corners = planner.plan(self._home, goal, q_hand, rng=rng)
             if corners is not None:
                 return time_path(

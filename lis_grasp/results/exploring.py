@@ -11,6 +11,7 @@ import numpy as np
 import trimesh
 from threadpoolctl import threadpool_limits
 
+from lis_grasp.arms.use import ArmUse
 from lis_grasp.exceptions import EstimationError, InvalidMeshError
 from lis_grasp.exploration import (
     Exploration,
@@ -25,7 +26,6 @@ from lis_grasp.grasping.hand_capacity import narrowest_width
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import sole_writer
 from lis_grasp.io.surface_files import remove_growth, save_growth
-from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.results.folder import LOG, remove_made_from, result_file, results_folder
 from lis_grasp.results.progress import SILENT, Progress, StageProgress

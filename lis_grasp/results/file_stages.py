@@ -13,7 +13,6 @@ import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGraspError
-from lis_grasp.geometry import require_pose
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import sole_writer, write_json
@@ -36,11 +35,12 @@ from lis_grasp.shapes import load
 from lis_grasp.stages.agent import Agent, station_facts
 from lis_grasp.stages.contact_sources import ContactSource, join_sources, read_source
 from lis_grasp.stages.estimate import Perception
-from lis_grasp.stages.lift import lift_each, process_count, require_simulator
+from lis_grasp.stages.lift import lift_each, require_simulator
 from lis_grasp.stages.next_touch import NO_TABLE, ObjectPlace
 from lis_grasp.stages.scenario import Scenario
+from lis_grasp.stages.worker_pool import process_count
 from lis_grasp.surfaces.contact_loading import DOUBTFUL, fraction_in_front
-from lis_grasp.task.recorded_facts import read_facts
+from lis_grasp.task.recorded_facts import read_facts, recorded_base
 from lis_grasp.task.task import HEIGHT, Task, require_options
 from lis_grasp.typing import FloatArray
 
@@ -276,13 +276,6 @@ def load_mesh(
     shape = load(path, units, up)
     say_repairs(shape, progress)
     return shape.mesh
-
-
-def recorded_base(options: Mapping[str, Any], recorded: Mapping[str, Any]) -> FloatArray | None:
-    """Return the recorded pose of the arm's base (4, 4), unless another arm or base is given."""
-    if options.get("arm") is not None or options.get("base") is not None:
-        return None
-    return None if "X_EA" not in recorded else require_pose("X_EA", recorded["X_EA"])
 
 
 def _load_sources(sources: Sequence[ContactSource]) -> tuple[Contacts, dict[str, Any]]:

@@ -21,8 +21,9 @@ from lis_grasp.io.json_lines import MADE_AGAIN, append_lines, read_lines
 from lis_grasp.results.file_stages import lifting_of
 from lis_grasp.results.progress import SILENT, Progress
 from lis_grasp.results.report import lift_facts
-from lis_grasp.stages.lift import lift_object, process_count, worker_pool
+from lis_grasp.stages.lift import lift_object
 from lis_grasp.stages.scenario import Scenario
+from lis_grasp.stages.worker_pool import process_count, worker_pool
 from lis_grasp.version import __version__
 
 LABELS = "labels.jsonl"

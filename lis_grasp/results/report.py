@@ -10,12 +10,13 @@ import numpy as np
 import trimesh
 
 from lis_grasp.arms.station import Station
+from lis_grasp.arms.use import ArmUse
 from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_coverage, touch_radius
 from lis_grasp.exploration import STEP_FRACTION, Exploration, Region
 from lis_grasp.geometry import apply_pose, inverse_pose
-from lis_grasp.lifting.outcome import ArmUse, LiftOutcome
+from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.stages.agent import station_facts
 from lis_grasp.stages.regrasp import Attempt
@@ -211,21 +212,3 @@ def motion_facts(scenario: Scenario, exploration: Exploration) -> dict[str, Any]
         "losses": losses,
         "joined": found,
     }
-
-
-def motion_line(facts: dict[str, Any]) -> str:
-    """Return the sentence about `motion_facts`."""
-    line = (
-        f"moved     ended {1e3 * facts['displacement']:.1f} mm from where it was; one touch moved"
-        f" it by {1e3 * facts['largest_motion']:.1f} mm"
-    )
-    for name in ("tracking_error", "contact_error"):
-        if facts[name] is not None:
-            line += f"; {name.replace('_', ' ')} {1e3 * facts[name]:.2f} mm"
-    line += "" if facts["tracked"] else "; not tracked"
-    repeated, losses = facts["repeated_probes"], facts["losses"]
-    if repeated:
-        line += f"; {repeated} probe{'s' * (repeated > 1)} repeated to track it"
-    if losses:
-        line += f"; lost {losses} time{'s' * (losses > 1)}, found again {facts['joined']}"
-    return line

@@ -16,7 +16,6 @@ from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io.schemas import FileRecord, read_json
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import Motion
-from lis_grasp.records import Answering
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, find, placed_as_recorded
 from lis_grasp.stages.estimate import Perception, SurfaceEstimate
@@ -34,7 +33,7 @@ class _Report(FileRecord):
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
-class Run(metaclass=Answering):
+class Run:
     """Results in a folder: everything is in the frame of its contacts, the true object too.
 
     What the folder lacks is None.

@@ -7,9 +7,8 @@ from math import degrees
 from types import MappingProxyType
 from typing import Any
 
+from lis_grasp.arms.use import violations
 from lis_grasp.exceptions import counted
-from lis_grasp.lifting.outcome import violations
-from lis_grasp.results.report import motion_line
 
 # Below this intersection over union the estimate is named as poor.
 _LOW_IOU = 0.8
@@ -41,6 +40,24 @@ def exploration_lines(facts: dict[str, Any]) -> tuple[str, ...]:
         advice = "" if truth >= _LOW_COVERAGE else "; more touches (`touches`) cover more"
         lines.append(f"covered   {' and '.join(parts)}, {within}{advice}")
     return tuple(lines)
+
+
+def motion_line(facts: dict[str, Any]) -> str:
+    """Return the sentence about `motion_facts`."""
+    line = (
+        f"moved     ended {1e3 * facts['displacement']:.1f} mm from where it was; one touch moved"
+        f" it by {1e3 * facts['largest_motion']:.1f} mm"
+    )
+    for name in ("tracking_error", "contact_error"):
+        if facts[name] is not None:
+            line += f"; {name.replace('_', ' ')} {1e3 * facts[name]:.2f} mm"
+    line += "" if facts["tracked"] else "; not tracked"
+    repeated, losses = facts["repeated_probes"], facts["losses"]
+    if repeated:
+        line += f"; {repeated} probe{'s' * (repeated > 1)} repeated to track it"
+    if losses:
+        line += f"; lost {losses} time{'s' * (losses > 1)}, found again {facts['joined']}"
+    return line
 
 
 def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from lis_grasp.arms.use import ArmUse
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import Exploration
 from lis_grasp.exploration.workspace import lowest_tip
 from lis_grasp.io.atomic_writing import sole_writer, write_json
-from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.results.exploring import explore_into, say_object
 from lis_grasp.results.folder import remove_made_from, results_folder
 from lis_grasp.results.page import write_scene_of

@@ -26,7 +26,7 @@ from lis_grasp.robots.link_bodies import (
     LARGEST,
     GivenMesh,
     convex_body,
-    load_mesh,
+    load_link_mesh,
     load_visual,
     primitive,
     shape_and_sizes,
@@ -170,7 +170,7 @@ class _Builder:
                     mesh = geometry.mesh.mesh
                 else:
                     file = resolve_uri(geometry.mesh.filename, self._path.parent, str(self._path))
-                    mesh = load_mesh(file, geometry.mesh.scale)
+                    mesh = load_link_mesh(file, geometry.mesh.scale)
                 yield from self._convex(link, pose_matrix(collision.origin), mesh)
 
     def _hulls(self, visual: LinkVisual) -> Iterator[LinkGeometry]:

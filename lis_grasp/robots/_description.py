@@ -27,7 +27,11 @@ _UNLIMITED = 1e6
 
 def parse_description(path: Path) -> yourdfpy.Robot:
     """Return the links and joints that a URDF, SDF or MJCF has, unchecked."""
-    root = parse_xml(path)
+    return parse_root(parse_xml(path), path)
+
+
+def parse_root(root: ET.Element, path: Path) -> yourdfpy.Robot:
+    """Return the links and joints of the root element of a description, unchecked."""
     match root.tag:
         case "robot":
             return parse_urdf(root, path)
@@ -181,12 +185,8 @@ class JointNumbers:
         return 0.0 if self.rotor_inertia is None else self.rotor_inertia * ratio**2
 
 
-def read_joint_numbers(path: Path) -> Mapping[str, JointNumbers]:
-    """Return what a URDF, SDF or MJCF says of each joint, by its name; an unusable number is None.
-
-    Raises `InvalidFileError` if the file is not XML.
-    """
-    root = parse_xml(path)
+def read_joint_numbers(root: ET.Element) -> Mapping[str, JointNumbers]:
+    """Return the numbers of each joint in a URDF or SDF by its name; an unusable one is None."""
     read = _of_sdf if root.tag == "sdf" else _of_urdf
     found: defaultdict[str, dict[str, float | None]] = defaultdict(dict)
     read(root, found)

@@ -12,7 +12,7 @@ from lis_grasp.exceptions import InvalidHandError
 _LINEAR = 1e-9  # coefficients of higher powers of a coupling that count as 0
 
 
-def kind_of(enumeration: str, number: int) -> str:
+def mjt_name(enumeration: str, number: int) -> str:
     """Return the name of one of MuJoCo's kinds in small letters, as "hinge" of "Joint"."""
     import mujoco
 
@@ -42,7 +42,7 @@ class Couplings:
         self.rests: dict[int, float] = {}
         self.notes: list[str] = []
         joints = [j for j in range(model.njnt) if model.jnt_bodyid[j] in bodies]
-        own = [j for j in joints if kind_of("Joint", model.jnt_type[j]) != "free"]  # a base's
+        own = [j for j in joints if mjt_name("Joint", model.jnt_type[j]) != "free"]  # a base's
         self._driven = {int(model.actuator_trnid[a, 0]) for a in range(model.nu) if self._direct(a)}
         for equality in range(model.neq):
             self._couple(equality)
@@ -60,11 +60,11 @@ class Couplings:
             self.notes.append(f"joint {name} has no actuator, and is fixed at {rest:.3g}")
 
     def _couple(self, equality: int) -> None:
-        m, kind = self._m, kind_of("Eq", self._m.eq_type[equality])
+        m, kind = self._m, mjt_name("Eq", self._m.eq_type[equality])
         first, second = int(m.eq_obj1id[equality]), int(m.eq_obj2id[equality])
         name = name_of(m, "equality", equality)
         if kind in ("connect", "weld"):
-            if kind_of("Obj", m.eq_objtype[equality]) == "site":
+            if mjt_name("Obj", m.eq_objtype[equality]) == "site":
                 first, second = int(m.site_bodyid[first]), int(m.site_bodyid[second])
             if {first, second} <= set(self._bodies):
                 ends = " and ".join(name_of(m, "body", body) for body in (first, second))
@@ -105,13 +105,13 @@ class Couplings:
             self.rests[follower] = offset
 
     def _direct(self, actuator: int) -> bool:
-        return kind_of("Trn", self._m.actuator_trntype[actuator]).startswith("joint")
+        return mjt_name("Trn", self._m.actuator_trntype[actuator]).startswith("joint")
 
     def _pulled(self, tendon: int) -> dict[int, float]:
         """Return the joints of a fixed tendon with their coefficients."""
         m, first = self._m, int(self._m.tendon_adr[tendon])
         wraps = range(first, first + int(m.tendon_num[tendon]))
-        if any(kind_of("Wrap", m.wrap_type[w]) != "joint" for w in wraps):
+        if any(mjt_name("Wrap", m.wrap_type[w]) != "joint" for w in wraps):
             raise InvalidHandError(
                 f"tendon '{name_of(m, 'tendon', tendon)}' must be of joints with coefficients; it"
                 " runs over sites, so that no joint position follows from another: give a URDF"
@@ -123,7 +123,7 @@ class Couplings:
         m, target = self._m, int(self._m.actuator_trnid[actuator, 0])
         if self._direct(actuator):
             terms = {target: 1.0}
-        elif kind_of("Trn", m.actuator_trntype[actuator]) == "tendon":
+        elif mjt_name("Trn", m.actuator_trntype[actuator]) == "tendon":
             terms = self._pulled(target)
         else:
             return

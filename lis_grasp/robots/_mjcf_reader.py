@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError, needed_package
 from lis_grasp.geometry import inverse_pose, make_pose
-from lis_grasp.robots._mjcf_couplings import Couplings, kind_of, name_of
+from lis_grasp.robots._mjcf_couplings import Couplings, mjt_name, name_of
 from lis_grasp.robots._urdf import naming
 from lis_grasp.robots.inertias import LEAST_MASS, small_ball
 from lis_grasp.robots.link_bodies import Capsule, GivenMesh
@@ -62,7 +62,7 @@ class _Reader:
         turns = [
             float(np.ptp(model.jnt_range[j]))
             for j in self._couplings.efforts
-            if model.jnt_limited[j] and kind_of("Joint", model.jnt_type[j]) == "hinge"
+            if model.jnt_limited[j] and mjt_name("Joint", model.jnt_type[j]) == "hinge"
         ]
         if 0.0 < max(turns, default=0.0) < _LEAST_TURN:
             least, widest = np.degrees([_LEAST_TURN, max(turns)])
@@ -107,7 +107,7 @@ class _Reader:
         return root, tuple(kept)
 
     def _is_free(self, joint: int) -> bool:
-        return kind_of("Joint", self._m.jnt_type[joint]) == "free"
+        return mjt_name("Joint", self._m.jnt_type[joint]) == "free"
 
     def _joints_of(self, body: int) -> range:
         first = int(self._m.body_jntadr[body])
@@ -137,7 +137,7 @@ class _Reader:
 
     def _geometry(self, g: int) -> yourdfpy.Geometry | None:
         m, size = self._m, self._m.geom_size[g].tolist()
-        match kind_of("Geom", m.geom_type[g]):
+        match mjt_name("Geom", m.geom_type[g]):
             case "box":
                 return yourdfpy.Geometry(box=yourdfpy.Box(2.0 * m.geom_size[g]))
             case "sphere":
@@ -162,7 +162,7 @@ class _Reader:
         parent, X = self._body(m.body_parentid[body]), _pose(m.body_pos[body], m.body_quat[body])
         joints = self._joints_of(body)
         for joint in joints:
-            name, kind = name_of(m, "joint", joint), kind_of("Joint", m.jnt_type[joint])
+            name, kind = name_of(m, "joint", joint), mjt_name("Joint", m.jnt_type[joint])
             if kind not in ("hinge", "slide"):
                 raise InvalidHandError(f"joint '{name}' must be a hinge or a slide; it is a {kind}")
             anchor = make_pose(np.eye(3), m.jnt_pos[joint])
@@ -179,7 +179,7 @@ class _Reader:
         if joint in couplings.rests:
             X = X @ self._moved(joint, couplings.rests[joint])
             return yourdfpy.Joint(name, "fixed", parent, child, X)
-        hinge = kind_of("Joint", m.jnt_type[joint]) == "hinge"
+        hinge = mjt_name("Joint", m.jnt_type[joint]) == "hinge"
         kind = "revolute" if hinge else "prismatic"
         limit = yourdfpy.Limit(effort=couplings.efforts.get(joint))
         if m.jnt_limited[joint]:
@@ -196,7 +196,7 @@ class _Reader:
     def _moved(self, joint: int, position: float) -> FloatArray:
         """Return the motion (4, 4) of a joint by a position [rad or m]."""
         along = position * self._m.jnt_axis[joint]
-        if kind_of("Joint", self._m.jnt_type[joint]) == "slide":
+        if mjt_name("Joint", self._m.jnt_type[joint]) == "slide":
             return make_pose(np.eye(3), along)
         return make_pose(Rotation.from_rotvec(along).as_matrix(), np.zeros(3))
 

@@ -131,7 +131,7 @@ class Hand(RobotModel):
         """Whether fingertips may slide on a table: jaws, with their long pads, stick to it."""
         return "table" in self.families
 
-    def slides_at(self, X_OH: npt.ArrayLike, q: npt.ArrayLike, height: float) -> bool:
+    def slides_at(self, X_OH: npt.ArrayLike, q: npt.ArrayLike, support_height: float) -> bool:
         """Return whether fingertips are so near to a table at a height [m] that they may slide."""
         if not self.slides_on_table:
             return False
@@ -141,7 +141,7 @@ class Hand(RobotModel):
             for g in self.link_geometries
             if g.link in tips
         ]
-        return bool(abs(min(heights, default=np.inf) - height) < _NEAR_TABLE)
+        return bool(abs(min(heights, default=np.inf) - support_height) < _NEAR_TABLE)
 
     @property
     def pad_links(self) -> frozenset[str]:

@@ -28,7 +28,6 @@ _MOST_VERTICES = 200  # of a mesh's convex hull
 _LEAST_HEIGHT = 2e-5  # of a triangle of a hull [m]
 _FORMATS = (".obj", ".stl", ".dae", ".ply", ".gltf", ".glb", ".off", ".3mf")
 _SMALLEST = 1e-6  # size of a body [m]
-_BALL_SPACING = 1.0  # between balls of a long link, in radii
 
 
 class Capsule(yourdfpy.Cylinder):
@@ -84,7 +83,7 @@ def primitive(
     return LinkGeometry(link, X_LG, kind, sizes, mesh)
 
 
-def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
+def load_link_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
     """Read the mesh of a link's body, and scale it by one factor or by one for each axis."""
     factors = None if scale is None else np.atleast_1d(np.asarray(scale, np.float64))
     if factors is not None and (
@@ -169,7 +168,7 @@ def load_visual(visual: LinkVisual) -> trimesh.Trimesh | None:
     if isinstance(visual.shape, trimesh.Trimesh):
         return visual.shape
     try:
-        return load_mesh(visual.shape, visual.scale)
+        return load_link_mesh(visual.shape, visual.scale)
     except LisGraspError:
         return None
 
@@ -190,7 +189,8 @@ def balls_inside(geometry: LinkGeometry) -> tuple[FloatArray, FloatArray]:
             half = np.array(geometry.dimensions) / 2.0 - radius
         case "mesh":
             return _ball_in_mesh(geometry.mesh)
-    counts = np.ceil(2.0 * half / (_BALL_SPACING * radius)).astype(int) + 1
+    # Balls one radius apart: neighbours overlap.
+    counts = np.ceil(2.0 * half / radius).astype(int) + 1
     axes = (np.linspace(-h, h, n) * (n > 1) for h, n in zip(half, counts, strict=True))
     centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     return centers, np.full(len(centers), radius)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from lis_grasp.records import Answering, FrozenArrays, reduce_record
+from lis_grasp.records import FrozenArrays, reduce_record
 from lis_grasp.typing import FloatArray
 
 JointKind = Literal["revolute", "prismatic", "fixed"]
@@ -116,7 +116,7 @@ class ProbePosture(FrozenArrays):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RobotModel(FrozenArrays, metaclass=Answering):
+class RobotModel(FrozenArrays):
     """Links, joints and collision bodies of a description; the fields are those of `Hand`."""
 
     joint_names: tuple[str, ...]

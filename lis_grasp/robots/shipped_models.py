@@ -12,9 +12,23 @@ HAND_NAMES = ("allegro", "wsg50", "barrett")
 """The hands that the package ships, by the name that `Hand.load` takes."""
 
 VENDOR_HANDS = (
-    *("allegro_right", "allegro_left", "leap", "shadow", "barrett_bh280", "schunk_svh"),
-    *("robotiq_2f85", "panda_hand", "jaco", "dex3_left", "ability_hand", "inspire_hand"),
-    *("wuji_right", "dex5_right", "linker_l10", "linker_o7", "robotiq_3f"),
+    "allegro_right",
+    "allegro_left",
+    "leap",
+    "shadow",
+    "barrett_bh280",
+    "schunk_svh",
+    "robotiq_2f85",
+    "panda_hand",
+    "jaco",
+    "dex3_left",
+    "ability_hand",
+    "inspire_hand",
+    "wuji_right",
+    "dex5_right",
+    "linker_l10",
+    "linker_o7",
+    "robotiq_3f",
 )
 """Vendors' hands whose YAML the package ships; the model is installed apart, as an error says."""
 

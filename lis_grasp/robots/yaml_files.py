@@ -27,9 +27,10 @@ from lis_grasp.robots._description import (
     DescriptionEdits,
     JointNumbers,
     links_below,
-    parse_description,
+    parse_root,
     read_joint_numbers,
 )
+from lis_grasp.robots._urdf import parse_xml
 from lis_grasp.robots.arm_defaults import find_arm_exclusions, find_home, flange_frame
 from lis_grasp.robots.kinematics import ArmKinematics
 from lis_grasp.robots.model_uri import resolve_model
@@ -74,10 +75,10 @@ def read_arm_file(path_or_name: str | Path) -> dict[str, Any]:
     """Return the fields of an `Arm`; arguments and errors as of `Arm.load`."""
     file = _read_file(arm_path(path_or_name), "arm", ArmEntry, InvalidArmError)
     try:
-        robot = parse_description(file.description)
+        root = parse_xml(file.description)
+        robot, numbers = parse_root(root, file.description), read_joint_numbers(root)
         _cut_at_flange(robot, file.entry)
         model = build_model(robot, file.description, DescriptionEdits.of(file.entry))
-        numbers = read_joint_numbers(file.description)
     except (InvalidRobotError, InvalidFileError) as error:
         key = error.key if isinstance(error, InvalidRobotError) and error.key else "urdf"
         raise InvalidArmError(f"{file.name}: {error}", file=file.name, key=key) from None

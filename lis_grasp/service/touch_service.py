@@ -24,11 +24,11 @@ from lis_grasp.exploration import (
     advance,
     begin,
 )
+from lis_grasp.exploration.touch_detection import APPROACH_NOISE
 from lis_grasp.grasping.export import moveit_grasps
 from lis_grasp.io import provenance
 from lis_grasp.io.schemas import Number, Vector, first_mistake
 from lis_grasp.io.units import LARGEST
-from lis_grasp.logs.detection import APPROACH_NOISE
 from lis_grasp.results.file_stages import estimate_file, grasp_file
 from lis_grasp.results.folder import result_file
 from lis_grasp.stages.agent import Agent

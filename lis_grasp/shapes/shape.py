@@ -9,7 +9,7 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError, shown
 from lis_grasp.io.units import require_object_size
-from lis_grasp.records import Answering, read_only
+from lis_grasp.records import read_only
 from lis_grasp.shapes._repair import repair_mesh
 from lis_grasp.shapes._topology import signed_volume
 from lis_grasp.typing import FloatArray
@@ -39,7 +39,7 @@ def require_mesh(what: str, mesh: object) -> trimesh.Trimesh:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shape(metaclass=Answering):
+class Shape:
     """A true object, in its frame O.
 
     Parameters

@@ -1,21 +1,13 @@
-"""Lift stage: the lift of the true object in a simulator, and worker processes."""
+"""Lift stage: the lift of the true object in a simulator."""
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from multiprocessing import active_children, parent_process
-from multiprocessing.context import SpawnContext, SpawnProcess
 
 import trimesh
 
-from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
@@ -23,6 +15,7 @@ from lis_grasp.lifting.setup import LiftSetup, plan_arm_lift
 from lis_grasp.shapes import Shape
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.scenario import Scenario, lowest_point
+from lis_grasp.stages.worker_pool import worker_pool
 
 
 def require_simulator(simulator: str, shape: Shape) -> None:
@@ -75,9 +68,9 @@ def lift_object(
         truth.X_EO,
     )
     if agent.station is None and scenario.task.world.simulator == "mujoco":
-        from lis_grasp.simulation.mujoco import lift as in_mujoco
+        from lis_grasp.simulation.mujoco.lift import simulate_in_mujoco
 
-        return in_mujoco.simulate_lift(setup, accept_grasp)
+        return simulate_in_mujoco(setup, accept_grasp)
     from lis_grasp.simulation.drake.lift import simulate_lift
 
     if agent.station is not None:
@@ -123,58 +116,3 @@ def lift_options(agent: Agent) -> LiftOptions | None:
     if load.is_known:
         return None
     return LiftOptions(assumed_friction=load.friction, assumed_mass=load.mass)
-
-
-@contextmanager
-def worker_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
-    """Open a pool of processes that end with this one, even if it is killed.
-
-    On exit, work that has not started is cancelled, and work that has is awaited; after Ctrl-C, or
-    if an iterator over results is dropped, it is killed. Ctrl-C does not reach the processes.
-    """
-    pool = ProcessPoolExecutor(processes, mp_context=_Context(), initializer=_end_with_parent)
-    try:
-        yield pool
-    except (KeyboardInterrupt, GeneratorExit):
-        for process in active_children():
-            process.kill()
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def process_count(jobs: int | None) -> int:
-    """Return the number of processes: `jobs`, or the number of cores for None."""
-    if jobs is None:
-        return os.cpu_count() or 1
-    if jobs < 1:
-        raise InvalidOptionError.out_of_range("jobs", jobs, "at least 1")
-    return jobs
-
-
-class _Process(SpawnProcess):
-    """A process that Ctrl-C does not reach, not even while it starts."""
-
-    def start(self) -> None:
-        """Start with SIGINT blocked, which the process inherits."""
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-        try:
-            super().start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-class _Context(SpawnContext):
-    Process = _Process  # type: ignore[assignment]
-
-
-def _end_with_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_wait_for_parent, daemon=True).start()
-
-
-def _wait_for_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)

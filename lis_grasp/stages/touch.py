@@ -9,6 +9,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
+from lis_grasp.arms.use import ArmUse
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import (
     Exploration,
@@ -35,7 +36,6 @@ from lis_grasp.exploration import (
     stop_when_graspable,
 )
 from lis_grasp.exploration.policy import POLICY_NAMES, PolicyKind, find_policy
-from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.contact_sources import prior_contacts
 from lis_grasp.stages.estimate import Perception, SurfaceEstimate

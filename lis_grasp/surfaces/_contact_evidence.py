@@ -19,13 +19,9 @@ from scipy.spatial.distance import pdist, squareform
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces._gaussian_process_regression import ROWS, GradientRegression
-from lis_grasp.surfaces._kernels import Matern52
+from lis_grasp.surfaces._kernels import MISFIT, SMOOTH
 from lis_grasp.surfaces.contact_places import resolution_of
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
-
-# The process of `gpis`: covariance, and noise for edges.
-_KERNEL = Matern52(0.8)
-_MISFIT = (0.001, 0.1)
 
 # Degrees of freedom of Student's t of prediction errors, the weight of its log odds, and the median
 # of chi^2 of a contact.
@@ -101,10 +97,10 @@ class Evidence:
         separations = pdist(contacts.points)
         scale = float(separations.max())
         nodes = (contacts.points - contacts.points.mean(axis=0)) / scale
-        slopes = _MISFIT[1] ** 2 + normal**2
-        variances = [_MISFIT[0] ** 2 + (position / scale) ** 2, slopes, slopes, slopes]
+        slopes = MISFIT[1] ** 2 + normal**2
+        variances = [MISFIT[0] ** 2 + (position / scale) ** 2, slopes, slopes, slopes]
         targets = np.column_stack([np.full(len(nodes), -1.0), contacts.normals])
-        process = GradientRegression.fit(_KERNEL, nodes, targets, np.column_stack(variances))
+        process = GradientRegression.fit(SMOOTH, nodes, targets, np.column_stack(variances))
         factor = (process.cholesky, True)
         precision = cho_solve(factor, np.eye(ROWS * len(nodes)), check_finite=False)
         distances = np.maximum(squareform(separations / scale), np.finfo(np.float64).eps)

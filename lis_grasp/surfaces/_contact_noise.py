@@ -18,7 +18,7 @@ from lis_grasp.surfaces._gaussian_process_regression import (
     gradient_covariance,
     log_likelihood,
 )
-from lis_grasp.surfaces._kernels import Matern52
+from lis_grasp.surfaces._kernels import SMOOTH
 from lis_grasp.surfaces._patch import design_rows
 from lis_grasp.surfaces.contact_places import resolution_of
 from lis_grasp.surfaces.queries import require_range
@@ -53,9 +53,7 @@ _GRADIENT_LENGTH = 0.1
 _DEPARTURES = np.array([0.001, 0.03, 0.3])
 _WEIGHTS = np.array([0.6, 0.3, 0.1])
 
-# Covariance of that surface, as of `gpis`, in largest distances between two contacts, and the noise
-# that conditions the equations.
-_SMOOTH = Matern52(0.8)
+# Noise that conditions the equations of that surface.
 _CONDITIONING = (3e-4, 1e-2)
 
 # No noise needs a Bayes factor of exp(15): edges are no smooth surface, and noise is common.
@@ -159,10 +157,10 @@ def _is_smooth(contacts: Contacts, noise: tuple[float, float]) -> bool:
     targets = np.column_stack([np.full(len(nodes), -1.0), contacts.normals])
     value, slope = _CONDITIONING
     process = GradientRegression.fit(
-        _SMOOTH, nodes, targets, np.array([value, slope, slope, slope]) ** 2
+        SMOOTH, nodes, targets, np.array([value, slope, slope, slope]) ** 2
     )
     variance = process.likeliest_amplitude() ** 2
-    covariance = variance * gradient_covariance(_SMOOTH, nodes)
+    covariance = variance * gradient_covariance(SMOOTH, nodes)
     conditioning = variance * process.noise.ravel()
     of_noise = np.tile(np.array([noise[0] / scale, *[noise[1]] * 3]) ** 2, len(nodes))
     with_noise, without = (

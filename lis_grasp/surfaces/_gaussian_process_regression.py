@@ -23,8 +23,6 @@ ROWS = 4
 # Least amplitude of the search, as a fraction of the amplitude without any noise.
 _LEAST_AMPLITUDE = 1e-3
 
-_LOG_2_PI = float(np.log(2.0 * np.pi))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KernelExpansion:
@@ -129,7 +127,8 @@ def log_likelihood(factor: FloatArray, targets: FloatArray) -> float:
     """
     whitened, _ = dtrtrs(factor, targets, lower=1)
     log_determinant = 2.0 * float(np.log(factor.diagonal()).sum())
-    return -0.5 * (float(whitened @ whitened) + log_determinant + len(targets) * _LOG_2_PI)
+    constant = len(targets) * float(np.log(2.0 * np.pi))
+    return -0.5 * (float(whitened @ whitened) + log_determinant + constant)
 
 
 def _distances(first: FloatArray, second: FloatArray) -> FloatArray:

@@ -168,3 +168,10 @@ class ThinPlate(RadialKernel):
         """Return (k''(r) - k'(r) / r) / r^2."""
         # Floored: at r = 0 it is multiplied by d d^T = 0, to which rounding adds some 1e-16.
         return 6.0 / (self.length**3 * np.maximum(r, 1e-8 * self.length))
+
+
+SMOOTH = Matern52(0.8)
+"""Covariance of `gpis`, in largest distances between two contacts."""
+
+MISFIT = (0.001, 0.1)
+"""Noise of `gpis` for edges that no smooth f can follow, of values and slopes."""

@@ -39,7 +39,6 @@ _LENGTH, _MEAN = 1.6, 1.0
 _MISFIT = 0.04
 
 _ITERATIONS = 300
-_SQRT_2PI = np.sqrt(2.0 * np.pi)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,7 +145,7 @@ class NormalPosterior:
             scale = np.sqrt(energy / (2.0 * count)) * self.free_deviations
             scores = (self.free_slopes @ flat + self.free_values) / scale  # (M,)
             logs = log_ndtr(scores)
-            rates = np.exp(-0.5 * scores**2 - logs) / _SQRT_2PI
+            rates = np.exp(-0.5 * scores**2 - logs) / np.sqrt(2.0 * np.pi)
             value -= np.sum(logs)
             gradient -= (rates / scale) @ self.free_slopes
             gradient += np.sum(rates * scores) / energy * half_slope

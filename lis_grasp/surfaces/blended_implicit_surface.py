@@ -8,19 +8,18 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.records import Answering, short_repr
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces._gaussian_process_regression import squared_distances
 from lis_grasp.surfaces.contact_places import agreement, log_errors, smoothstep
 from lis_grasp.surfaces.contact_preparation import prepare_contacts
 from lis_grasp.surfaces.gaussian_process_implicit_surface import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
 from lis_grasp.surfaces.queries import flat_points, map_rows
-from lis_grasp.surfaces.smooth_implicit_surface import SmoothImplicitSurface
+from lis_grasp.surfaces.smooth_implicit_surface import LEAST_PLACES, SmoothImplicitSurface
 from lis_grasp.typing import FloatArray, IndexArray
 
-# Folds of the cross-validation; fewer places than the least cannot compare the estimates.
+# Folds of the cross-validation.
 _FOLDS = 5
-_LEAST_PLACES = 4
 
 # The evidence of all places counts like that of this many near ones, less half a standard error.
 _PRIOR_PLACES = 3.0
@@ -38,7 +37,7 @@ _NEAR, _FAR = 0.5, 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BlendedImplicitSurface(metaclass=Answering):
+class BlendedImplicitSurface:
     """Blend of a patch surface and a Gaussian process, by their prediction errors.
 
     f = smooth + w v (sharp - smooth)
@@ -81,7 +80,7 @@ class BlendedImplicitSurface(metaclass=Answering):
         smooth = SmoothImplicitSurface.beside(bound, prepared)
         places, normals = prepared.places, sharp.normals
         log_ratios = np.zeros(len(places.nodes))
-        if len(places.nodes) >= _LEAST_PLACES:
+        if len(places.nodes) >= LEAST_PLACES:
             folds = (np.arange(len(places.nodes)) % _FOLDS)[places.place]
             of_sharp = log_errors(_predict_left_out(sharp, folds), normals, places)
             log_ratios = log_errors(smooth.free.leave_groups_out(folds), normals, places) - of_sharp

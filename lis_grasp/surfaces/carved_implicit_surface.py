@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import HALF_SPACE, Contacts
-from lis_grasp.geometry import unit
+from lis_grasp.geometry import AXES, unit
 from lis_grasp.records import Record, short_repr
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.queries import flat_points, map_rows, require_range
@@ -19,9 +19,8 @@ from lis_grasp.typing import FloatArray, IndexArray
 
 # Points of a unit ball: its centre, and on its surface towards the faces and corners of a cube. A
 # cap without any is lower than a fifth of the radius.
-_FACES = np.vstack([np.eye(3), -np.eye(3)])
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3))) / np.sqrt(3.0)
-_PLACES = np.vstack([np.zeros((1, 3)), _FACES, _CORNERS])  # (15, 3)
+_PLACES = np.vstack([np.zeros((1, 3)), AXES, _CORNERS])  # (15, 3)
 
 # Walls that go on down to a table: contacts this near to it [m], normals with such parts upward.
 _NEAR_TABLE, _LARGEST_SLOPE = 0.0135, 0.2
@@ -117,7 +116,7 @@ class AboveTableImplicitSurface(_Remainder):
     estimate, extrapolated there, is closed by the table. Its uncertainty stays that of g.
     """
 
-    height: float  #: of the table [m]
+    support_height: float  #: of the table [m]
 
     __repr__ = short_repr
 
@@ -127,7 +126,7 @@ class AboveTableImplicitSurface(_Remainder):
 
     def _depths(self, points: FloatArray, values: FloatArray) -> _Depths:
         down = np.broadcast_to([0.0, 0.0, -1.0], points.shape)
-        return np.arange(len(points)), self.height - points[:, 2], down
+        return np.arange(len(points)), self.support_height - points[:, 2], down
 
 
 def carved(
@@ -211,19 +210,23 @@ def _grown(radii: FloatArray, nearest: FloatArray, values: FloatArray, growth: f
     return np.maximum(radii, np.minimum(radii - growth * values, 0.5 * (radii + nearest)))
 
 
-def standing_on(contacts: Contacts, height: float) -> Contacts:
+def standing_on(contacts: Contacts, support_height: float) -> Contacts:
     """Return contacts with those that a table at a height [m] implies.
 
     No fingertip gets below a contact near the table. A wall there is taken to go on straight down:
     one more contact is below it, at the table.
     """
-    near, slopes = contacts.points[:, 2] < height + _NEAR_TABLE, contacts.normals[:, 2]
+    near = contacts.points[:, 2] < support_height + _NEAR_TABLE
+    slopes = contacts.normals[:, 2]
     walls = contacts.subset(near & (np.abs(slopes) < _LARGEST_SLOPE))
     walls = replace(walls, free_points=np.empty((0, 3)), free_radii=np.empty(0))
-    feet, level = walls.points * [1, 1, 0] + [0.0, 0.0, height], unit(walls.normals * [1, 1, 0])
+    feet = walls.points * [1, 1, 0] + [0.0, 0.0, support_height]
+    level = unit(walls.normals * [1, 1, 0])
     return contacts.append(replace(walls, points=feet, normals=level))
 
 
-def above_table(surface: ImplicitSurface, height: float | None) -> ImplicitSurface:
+def above_table(surface: ImplicitSurface, support_height: float | None) -> ImplicitSurface:
     """Return an estimate closed by a table at a height [m]; None for no table."""
-    return surface if height is None else AboveTableImplicitSurface(surface, height)
+    if support_height is None:
+        return surface
+    return AboveTableImplicitSurface(surface, support_height)

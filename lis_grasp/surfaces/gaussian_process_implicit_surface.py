@@ -12,9 +12,10 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.records import Answering, short_repr
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces._gaussian_process_regression import ROWS, GradientRegression
 from lis_grasp.surfaces._kernels import (
+    MISFIT,
     Matern52,
     Matern72,
     RadialKernel,
@@ -50,8 +51,6 @@ _LENGTHS: dict[KernelName, float] = {
 _MIN_SLOPE = 0.1
 # Least standard deviation of the surface, in largest distances between two contacts.
 _LEAST = 0.0003
-# Noise for edges that no smooth f can follow, see `from_contacts`.
-_MISFIT = (0.001, 0.1)
 # Settings are fitted to so many contacts at most: the prior's amplitude takes a dozen solutions.
 MOST_FOR_SETTINGS = 150
 # The least axis of stretched coordinates, as a fraction of the largest.
@@ -59,7 +58,7 @@ _LEAST_AXIS = 0.15
 
 
 @dataclass(frozen=True, eq=False)
-class GaussianProcessImplicitSurface(metaclass=Answering):
+class GaussianProcessImplicitSurface:
     """The posterior mean of a GP conditioned on value 0 and the normal as gradient at contacts.
 
     f(x) = mean + k_*^T (K + noise)^-1 (targets - mean)                                   (eq. 3)
@@ -101,7 +100,7 @@ class GaussianProcessImplicitSurface(metaclass=Answering):
         length: float | None = None,
         position_noise: float | None = None,
         normal_noise: float | None = None,
-        misfit: tuple[float, float] = _MISFIT,
+        misfit: tuple[float, float] = MISFIT,
         prior_mean: float | None = None,
         length_noise: float = 0.0,
         stretch: bool = False,

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.records import Answering, short_repr
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces._contact_noise import precisions_of
 from lis_grasp.surfaces._kernel_mean import NEGLIGIBLE, KernelMean, density_weights
 from lis_grasp.surfaces.contact_preparation import prepare_contacts
@@ -43,7 +43,7 @@ _ABOVE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LocalImplicitSurface(BlockwiseSurface, metaclass=Answering):
+class LocalImplicitSurface(BlockwiseSurface):
     """Kernel-weighted mean of the contacts' tangent planes, scaled by local convexity.
 
     f(x) = sum_i w_i k(x, c_i) beta_i(x) y_i(x)  /  sum_i w_i k(x, c_i)        (eq. 7, normalised)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError
-from lis_grasp.records import Answering, short_repr
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces._kernel_mean import LEAST_WEIGHT, KernelMean, density_weights
 from lis_grasp.surfaces._patch import JoinedPatches, Patch, PatchContacts
 from lis_grasp.surfaces._patch_csg import (
@@ -36,7 +36,7 @@ _MOST_PATCHES = 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PatchImplicitSurface(BlockwiseSurface, metaclass=Answering):
+class PatchImplicitSurface(BlockwiseSurface):
     """Smooth patches, each a Gaussian process, joined at sharp edges by CSG expressions.
 
     Contacts on one smooth surface make a patch: a Gaussian process with a quadric trend through

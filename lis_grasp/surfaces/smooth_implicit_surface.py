@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.records import Answering, short_repr
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces.contact_places import agreement, log_errors
 from lis_grasp.surfaces.contact_preparation import PreparedContacts, prepare_contacts
 from lis_grasp.surfaces.gaussian_process_implicit_surface import (
@@ -27,8 +27,8 @@ from lis_grasp.typing import FloatArray
 _CHOICES = ((0.8, False), (0.6, False), (0.8, True), None)
 _CAUTION = 1.0
 
-# Fewer places than this do not choose.
-_LEAST_PLACES = 4
+LEAST_PLACES = 4
+"""Places without which nothing is compared or chosen."""
 
 # Shared by all: normals bind the direction of gradients only.
 _SETTINGS: Mapping[str, Any] = MappingProxyType(
@@ -43,7 +43,7 @@ _DOUBT = 0.35
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothImplicitSurface(metaclass=Answering):
+class SmoothImplicitSurface:
     """A Gaussian process for shapes without edges, smoother than `gpis`.
 
     f = bound + v (free - bound)
@@ -92,7 +92,7 @@ class SmoothImplicitSurface(metaclass=Answering):
         plain = bound if few is prepared else GaussianProcessImplicitSurface.from_contacts(few)
         best, places = 0, few.places
         processes = [_free(few, _CHOICES[0], plain)]
-        if len(places.nodes) >= _LEAST_PLACES:
+        if len(places.nodes) >= LEAST_PLACES:
             processes += [_free(few, choice, plain) for choice in _CHOICES[1:]]
             predicted = (process.leave_groups_out(places.place) for process in processes)
             errors = np.stack([log_errors(p, few.contacts.normals, places) for p in predicted])

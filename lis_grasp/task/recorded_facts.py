@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_type_hints
 
 from pydantic import Field, create_model
 
+from lis_grasp.geometry import require_pose
 from lis_grasp.io import provenance
 from lis_grasp.io.schemas import Count, FileRecord, Number, Pose, Vector, checked
 from lis_grasp.task.task import PARTS, Task, option_kind, task_options
+from lis_grasp.typing import FloatArray
 
 # Types in files of the types in a configuration.
 _IN_FILES: dict[Any, Any] = {
@@ -75,3 +78,10 @@ def located(facts: dict[str, Any], folder: Path) -> dict[str, Any]:
             found = (str(outer / path) for outer in around if os.path.isfile(outer / path))
             facts = facts | {name: next(found, facts[name])}
     return facts
+
+
+def recorded_base(options: Mapping[str, Any], recorded: Mapping[str, Any]) -> FloatArray | None:
+    """Return the recorded pose of the arm's base (4, 4), unless another arm or base is given."""
+    if options.get("arm") is not None or options.get("base") is not None:
+        return None
+    return None if "X_EA" not in recorded else require_pose("X_EA", recorded["X_EA"])

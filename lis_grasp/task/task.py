@@ -159,7 +159,7 @@ PARTS: Mapping[str, Any] = MappingProxyType(
 def require_options(given: Iterable[str], accepted: Iterable[str]) -> None:
     """Raise `TypeError` for the first given option that is not accepted."""
     for name in sorted({*given} - {*accepted}):
-        raise TypeError(f"there is no option '{name}' here{nearest_or_all(name, accepted)}")
+        raise TypeError(f"there is no option '{name}'{nearest_or_all(name, accepted)}")
 
 
 def task_options() -> dict[str, Option]:

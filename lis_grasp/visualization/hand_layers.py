@@ -194,10 +194,6 @@ def _note(grasp: Grasp) -> str:
     return f"epsilon {epsilon:.3g}" if likely is None else f"predicted success {likely:.0%}"
 
 
-if TYPE_CHECKING:
-    from lis_grasp.robots.hand import Hand
-
-
 def hand_page(hand: Hand, *, summary: tuple[str, ...] = ()) -> str:
     """Return an HTML page of a hand, in its base link's frame turned so that the approach is down.
 

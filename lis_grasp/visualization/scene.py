@@ -15,7 +15,6 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.motion import Motion
-from lis_grasp.records import Answering
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization._arm_layer import arm_points, draw_pedestal, standing_points
 from lis_grasp.visualization._drawing import Canvas
@@ -52,13 +51,12 @@ if TYPE_CHECKING:
     from lis_grasp.robots.hand import Hand
 
 
-_NOTHING = np.empty((0, 3))
 _SHOWN_GRASPS = 5
 _LEAST_SIZE = 0.01  # [m] of a scene with a single contact
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Scene(metaclass=Answering):
+class Scene:
     """Content of a scene page, shown on a time line that can be played; a notebook displays it.
 
     The fragment of the page's address sets the view, such as ``#t=2.5&play=1``: the time [s],
@@ -246,13 +244,13 @@ class Scene(metaclass=Answering):
 
     def _draw_table(self, canvas: Canvas, object_points: FloatArray, drawn: FloatArray) -> float:
         """Draw the table below everything, points (N, 3) [m]; return its grid's spacing [m]."""
-        support = self.support_height
-        if support is None:
-            support = float(object_points[:, 2].min())
+        support_height = self.support_height
+        if support_height is None:
+            support_height = float(object_points[:, 2].min())
         outline = outermost(drawn)
         if self.region is not None:
             outline = np.vstack([outline, self.region.bounds])
-        return draw_table(canvas, object_points, outline, support)
+        return draw_table(canvas, object_points, outline, support_height)
 
     def _draw_hand(self, canvas: Canvas, object_points: FloatArray) -> _ShownHand:
         """Draw the hand and its arm, at grasps and in the lift."""
@@ -266,7 +264,7 @@ class Scene(metaclass=Answering):
         if station is not None:
             draw_pedestal(canvas, station)
         draw_grasps(canvas, grasps)
-        best = around = moved = standing = _NOTHING
+        best = around = moved = standing = _no_points()
         if motion is not None:
             draw_motion(canvas, motion, self.hand, station)
             moved = moved_points(motion, self.hand, object_points)
@@ -288,6 +286,10 @@ class Scene(metaclass=Answering):
         )
 
 
+def _no_points() -> FloatArray:
+    return np.empty((0, 3))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _ShownHand:
     """Poses of the hand and its arm on the page, and points (N, 3) [m] that frame the camera."""
@@ -295,10 +297,10 @@ class _ShownHand:
     lift_seconds: float = 0.0
     postures: Sequence[list[FloatArray]] = ()  # poses of all links at the shown grasps
     touches: Sequence[dict[str, Any] | None] = ()
-    best: FloatArray = field(default_factory=lambda: _NOTHING)  # of the best grasp
-    around: FloatArray = field(default_factory=lambda: _NOTHING)  # of all grasps
-    standing: FloatArray = field(default_factory=lambda: _NOTHING)  # of the arm at home
-    moved: FloatArray = field(default_factory=lambda: _NOTHING)  # in the lift
+    best: FloatArray = field(default_factory=_no_points)  # of the best grasp
+    around: FloatArray = field(default_factory=_no_points)  # of all grasps
+    standing: FloatArray = field(default_factory=_no_points)  # of the arm at home
+    moved: FloatArray = field(default_factory=_no_points)  # in the lift
 
 
 def _rounded(points: FloatArray) -> list[list[float]]:

@@ -19,10 +19,10 @@ import numpy as np
 import trimesh
 
 from lis_grasp import Contacts, extract_mesh, shapes
+from lis_grasp.arms.use import violations
 from lis_grasp.evaluation.surface_error import sample_mesh
 from lis_grasp.exceptions import EstimationError, LisGraspError
 from lis_grasp.io.json_lines import Row
-from lis_grasp.lifting.outcome import violations
 from lis_grasp.surfaces import ESTIMATORS, judge_contacts
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.harness.experiment import Experiment

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, LisGraspError, needed_package
 from lis_grasp.io.json_lines import Row
-from lis_grasp.stages.lift import process_count, worker_pool
+from lis_grasp.stages.worker_pool import process_count, worker_pool
 from lis_grasp_studies.harness.rows import Job
 
 Runner = Callable[[Job], list[Row]]

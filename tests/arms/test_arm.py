@@ -9,7 +9,7 @@ import yaml
 import yourdfpy
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.arms.station import CLEARANCE, back_on_flange, mount_of
+from lis_grasp.arms.mounted_hand import CLEARANCE, back_on_flange, mount_of
 from lis_grasp.exceptions import InvalidArmError, InvalidHandError
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.arm_defaults import find_home

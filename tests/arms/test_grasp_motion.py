@@ -12,11 +12,11 @@ from stations import positions_between, station_with
 
 from lis_grasp.arms.collision import StationChecker
 from lis_grasp.arms.placement import home_of
-from lis_grasp.arms.reach import LIFT
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.transit import SPEED, plan_grasp_motion
 from lis_grasp.cli.main import main
-from lis_grasp.io.csv_tables import numbers, read_table
+from lis_grasp.grasping.grasps import LIFT
+from lis_grasp.io.csv_tables import column_numbers, read_table
 from lis_grasp.io.trajectory_files import write_joint_trajectory, write_trajectory_csv
 
 
@@ -60,7 +60,7 @@ def test_files_keep_a_trajectory(tmp_path: Path) -> None:
     qd, qdd = 10.0 * q, 100.0 * q
     write_trajectory_csv(tmp_path / "a.csv", names, times, q, qd)
     header, rows = read_table(tmp_path / "a.csv")
-    columns = {n: numbers(tmp_path / "a.csv", rows, k, n) for k, n in enumerate(header)}
+    columns = {n: column_numbers(tmp_path / "a.csv", rows, k, n) for k, n in enumerate(header)}
     assert list(columns) == ["time", *names, "shoulder_velocity", "elbow_velocity"]
     np.testing.assert_allclose(np.column_stack([columns[n] for n in names]), q, atol=1e-6)
     np.testing.assert_allclose(columns["elbow_velocity"], qd[:, 1], atol=1e-6)

@@ -9,10 +9,11 @@ import trimesh
 from lis_grasp.arms.check import check_arm, gravity_efforts
 from lis_grasp.arms.collision import ARM_CLEARANCE, StationChecker
 from lis_grasp.arms.placement import HEADROOM, choose_base, home_of, reach_fraction
-from lis_grasp.arms.reach import APPROACH, LIFT, ReachFilter, track
+from lis_grasp.arms.reach import ReachFilter, track
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.exceptions import InvalidArmError, InvalidOptionError
 from lis_grasp.geometry import apply_pose
+from lis_grasp.grasping.grasps import LIFT, STANDOFF
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.pose_ik import pose_error
@@ -154,7 +155,7 @@ def test_grasps_are_kept_or_rejected_with_a_reason(station: Station) -> None:
     np.testing.assert_allclose(station.palm_poses(kept.approach[-1]), down, atol=2e-3)
     np.testing.assert_allclose(kept.lift[0], kept.approach[-1])
     back = station.palm_poses(kept.standoff)[:3, 3] - down[:3, 3]
-    np.testing.assert_allclose(back, [0.0, 0.0, APPROACH], atol=2e-4)
+    np.testing.assert_allclose(back, [0.0, 0.0, STANDOFF], atol=2e-4)
     np.testing.assert_allclose(
         station.palm_poses(kept.lift[-1])[:3, 3] - down[:3, 3], [0.0, 0.0, LIFT], atol=2e-4
     )

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from lis_grasp.cli.main import interrupts_after_imports
-from lis_grasp.stages.lift import worker_pool
+from lis_grasp.cli.importing import interrupts_after_imports
+from lis_grasp.stages.worker_pool import worker_pool
 
 MODULE = """
 import os, signal, time

@@ -89,7 +89,7 @@ def test_each_touch_is_the_next_probe_of_the_exploration_and_that_of_the_prober(
 
 def test_the_estimate_is_that_of_the_contacts(own: OwnDiagram) -> None:
     contacts = own.value(own.sensor.contacts)
-    expected = estimate(contacts, "blend", table=0.0)
+    expected = estimate(contacts, "blend", support_height=0.0)
     points = np.random.default_rng(0).uniform(-0.06, 0.12, (200, 3))
     surface = own.value(own.estimator.estimate).surface
     np.testing.assert_array_equal(surface.evaluate(points), expected.evaluate(points))

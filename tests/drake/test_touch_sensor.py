@@ -21,8 +21,8 @@ from lis_grasp.probing.guarded_motion import GuardedMotion
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake._probe_carriers import ProbeRail
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
-from lis_grasp.simulation.drake.hand_plant import add_hand
-from lis_grasp.simulation.drake.object_plant import add_object
+from lis_grasp.simulation.drake.hand_plant import add_hand_model
+from lis_grasp.simulation.drake.object_plant import add_object_body
 from lis_grasp.simulation.drake.touch_sensor import TouchSensor
 
 STEP = 0.002
@@ -49,9 +49,9 @@ class RailedHand:
         )
         plant, _ = AddMultibodyPlant(config, builder)
         self.plant: MultibodyPlant = plant
-        self.hand = add_hand(plant, Hand.load(hand))
+        self.hand = add_hand_model(plant, Hand.load(hand))
         rail = ProbeRail(plant, self.hand)
-        self.body = add_object(plant, mesh, mass=mass or 1.0).body
+        self.body = add_object_body(plant, mesh, mass=mass or 1.0).body
         if mass is None:
             plant.WeldFrames(plant.world_frame(), self.body.body_frame())
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))

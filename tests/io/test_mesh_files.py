@@ -11,9 +11,8 @@ import pytest
 import trimesh
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.limits import MOST_ELEMENTS
 from lis_grasp.io.mesh_files import read_mesh
-from lis_grasp.robots.link_bodies import load_mesh
+from lis_grasp.robots.link_bodies import load_link_mesh
 from lis_grasp.shapes import FORMATS, load
 
 
@@ -33,7 +32,7 @@ def _gltf(**changes: Any) -> dict[str, Any]:
 
 def _refused(path: Path, content: bytes, reason: str) -> None:
     path.write_bytes(content)
-    for read in (lambda: load_mesh(path, None), lambda: read_mesh(path, FORMATS)):
+    for read in (lambda: load_link_mesh(path, None), lambda: read_mesh(path, FORMATS)):
         with pytest.raises(InvalidFileError, match=reason):
             read()
 
@@ -50,26 +49,26 @@ _DOUBLED = [{"children": [n + 1, n + 1]} for n in range(40)] + [{"mesh": 0}]
 
 
 @pytest.mark.parametrize(
-    ("changes", "reason"),
+    "changes",
     [
-        ({"accessors": [{"count": 60_000_000} | _EMPTY]}, "at most"),
-        ({"accessors": [{"count": MOST_ELEMENTS} | _EMPTY] * 2}, "at most"),
-        ({"accessors": [{"count": -3} | _EMPTY]}, "at most"),
-        ({"accessors": [{"count": "6"} | _EMPTY]}, "at most"),
-        ({"nodes": _DOUBLED}, "at most"),
-        ({"nodes": [{"children": [0]}]}, "inside of itself"),
-        ({"nodes": [{"children": [7]}]}, "follow glTF"),
-        ({"nodes": 5}, "follow glTF"),
-        ({"buffers": [{"byteLength": 36, "uri": "/dev/zero"}]}, "missing"),
-        ({"buffers": [{"byteLength": 36, "uri": "absent.bin"}]}, "missing"),
-        ({"bufferViews": [{"buffer": 0, "byteLength": 99}]}, "cannot be read as GLTF"),
+        {"accessors": [{"count": 60_000_000_000} | _EMPTY]},
+        {"accessors": [{"count": -3} | _EMPTY]},
+        {"accessors": [{"count": "6"} | _EMPTY]},
+        {"nodes": [{"children": [7]}]},
+        {"nodes": 5},
+        {"buffers": [{"byteLength": 36, "uri": "/dev/zero"}]},
+        {"buffers": [{"byteLength": 36, "uri": "absent.bin"}]},
+        {"bufferViews": [{"buffer": 0, "byteLength": 99}]},
     ],
 )
-def test_a_gltf_beyond_its_file_is_refused_before_it_is_read(
-    tmp_path: Path, changes: dict[str, Any], reason: str
-) -> None:
-    header = json.dumps(_gltf(**changes)).encode()
-    _refused(tmp_path / "a.gltf", header, reason)
+def test_a_gltf_beyond_its_file_is_refused(tmp_path: Path, changes: dict[str, Any]) -> None:
+    _refused(tmp_path / "a.gltf", json.dumps(_gltf(**changes)).encode(), "a.gltf|zero|absent.bin")
+
+
+@pytest.mark.parametrize("nodes", [_DOUBLED, [{"children": [0]}]])
+def test_nodes_that_are_used_again_are_read_once(tmp_path: Path, nodes: list[Any]) -> None:
+    (tmp_path / "a.gltf").write_text(json.dumps(_gltf(nodes=nodes)))
+    assert len(read_mesh(tmp_path / "a.gltf", FORMATS).mesh.faces) <= 1
 
 
 def _glb(header: object) -> bytes:
@@ -84,7 +83,6 @@ def _glb(header: object) -> bytes:
         ("a.gltf", b"[]"),
         ("a.gltf", b"[" * 100_000),
         ("a.glb", _glb([])),
-        ("a.glb", _glb(_gltf(nodes=[{"children": [0]}]))),
         ("a.glb", b"glTF"),
         ("a.stl", b""),
         ("a.obj", b"v 1 2 3\nf 1 1 99999999\n"),
@@ -100,11 +98,11 @@ def test_a_damaged_dae_of_a_hand_is_one_sentence(tmp_path: Path, content: bytes)
     path = tmp_path / "a.dae"
     path.write_bytes(content)
     with pytest.raises(InvalidFileError, match="a.dae"):
-        load_mesh(path, None)
+        load_link_mesh(path, None)
 
 
 @pytest.mark.parametrize("ending", ["step", "zae", "vtk", "json"])
-@pytest.mark.parametrize("read", [lambda path: load_mesh(path, None), load])
+@pytest.mark.parametrize("read", [lambda path: load_link_mesh(path, None), load])
 def test_other_formats_are_refused_by_their_names(
     tmp_path: Path, ending: str, read: Callable[[Path], object]
 ) -> None:
@@ -126,4 +124,4 @@ def test_bodies_of_hands_are_read_in_each_format(tmp_path: Path, ending: str) ->
         box.export(path)
     # glTF has y upwards, and z points backwards.
     upright = (0.01, 0.03, 0.02) if ending.startswith("gl") else (0.01, 0.02, 0.03)
-    np.testing.assert_allclose(load_mesh(path, None).extents, upright, atol=1e-9)
+    np.testing.assert_allclose(load_link_mesh(path, None).extents, upright, atol=1e-9)

@@ -51,12 +51,12 @@ def test_a_file_that_unpacks_to_much_is_refused_before_it_is_unpacked(tmp_path: 
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        (_npy("(100000000000,)"), "announces more"),
+        (_npy("(100000000000,)"), "cannot be read as NPZ"),
         (_npy("(4,)", "|O", bytes(32)), "Python objects"),
         (_npy("(-1,)"), "cannot be read as NPZ"),
         (_npy("'x'"), "cannot be read as NPZ"),
         (b"", "cannot be read as NPZ"),
-        (b"\x93NUMPY\x09\x00", "unknown format"),
+        (b"\x93NUMPY\x09\x00", "cannot be read as NPZ"),
     ],
 )
 def test_a_damaged_array_is_one_sentence(tmp_path: Path, content: bytes, reason: str) -> None:

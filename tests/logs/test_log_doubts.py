@@ -39,7 +39,7 @@ from lis_grasp.logs import (
     open_log,
 )
 from lis_grasp.logs._bag_log import CONTENT
-from lis_grasp.robots.joint_frames import with_link_frames
+from lis_grasp.logs.joint_frames import with_link_frames
 
 OBJECT = LogFrames(object_pose="object")
 

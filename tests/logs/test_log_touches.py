@@ -19,14 +19,14 @@ from lis_grasp.exceptions import (
     InvalidInputError,
     LisGraspWarning,
 )
-from lis_grasp.logs.contacts import Finger, LogFrames, contacts_from_log
-from lis_grasp.logs.detection import (
+from lis_grasp.exploration.touch_detection import (
     TouchDetection,
     contacts_of_touches,
     detect_touches,
 )
+from lis_grasp.logs.contacts import Finger, LogFrames, contacts_from_log
+from lis_grasp.logs.joint_frames import with_link_frames
 from lis_grasp.logs.readers import open_log
-from lis_grasp.robots.joint_frames import with_link_frames
 
 TOUCH = TouchDetection(threshold=1.0, tip_radius=RADIUS, normals="force")
 # Penetration at the threshold, and the advance of the tip in one sample along its oblique path.
@@ -169,7 +169,7 @@ def test_two_fingers_are_merged_in_time_order(recording: Recording, tmp_path: Pa
 
 
 def test_a_sliding_touch_gives_contacts_at_a_spacing() -> None:
-    from lis_grasp.logs.detection import detect_touches
+    from lis_grasp.exploration.touch_detection import detect_touches
 
     times = np.arange(200) / 100.0
     tips = np.column_stack([0.1 * times, 0.0 * times, np.where(times < 0.5, 0.01, 0.0)])
@@ -182,7 +182,7 @@ def test_a_sliding_touch_gives_contacts_at_a_spacing() -> None:
 
 
 def test_hysteresis_counts_a_noisy_touch_once() -> None:
-    from lis_grasp.logs.detection import detect_touches
+    from lis_grasp.exploration.touch_detection import detect_touches
 
     force = np.array([0, 2, 0.9, 1.1, 0.8, 1.2, 0.4, 0.9, 0.6, 1.3, 0.2, 0.0])
     tips = np.arange(12.0)[:, None] * [1e-3, 0.0, 0.0]

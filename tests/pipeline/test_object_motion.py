@@ -12,7 +12,8 @@ from lis_grasp.exploration import Exploration, Observation, Probe, ProbeOutcome,
 from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.pipeline import RunConfig, Scenario
 from lis_grasp.pipeline.names_of_2 import UNKNOWN
-from lis_grasp.results.report import motion_facts, motion_line
+from lis_grasp.results.report import motion_facts
+from lis_grasp.results.summary import motion_line
 from lis_grasp.stages.touch import (
     make_perception,
     make_prober,

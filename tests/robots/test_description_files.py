@@ -11,7 +11,7 @@ from lis_grasp.exceptions import InvalidFileError, InvalidHandError, LisGraspErr
 from lis_grasp.robots._build_model import read_description
 from lis_grasp.robots._urdf import parse_xml
 from lis_grasp.robots.draft.pipeline import draft_hand
-from lis_grasp.robots.link_bodies import load_mesh
+from lis_grasp.robots.link_bodies import load_link_mesh
 from lis_grasp.robots.model_uri import resolve_uri
 
 BOX = '<geometry><box size="0.1 0.02 {height}"/></geometry>'
@@ -288,6 +288,6 @@ def test_the_mesh_of_a_link_is_upright_in_every_format(tmp_path: Path, ending: s
         )
     path = tmp_path / f"link.{ending}"
     written.export(path)
-    np.testing.assert_allclose(load_mesh(path, None).bounds, upright.bounds, atol=1e-6)
-    scaled = load_mesh(path, [1.0, 2.0, 3.0])  # along the link's axes
+    np.testing.assert_allclose(load_link_mesh(path, None).bounds, upright.bounds, atol=1e-6)
+    scaled = load_link_mesh(path, [1.0, 2.0, 3.0])  # along the link's axes
     np.testing.assert_allclose(scaled.bounds, upright.bounds * [1.0, 2.0, 3.0], atol=1e-6)

@@ -20,7 +20,7 @@ from lis_grasp.robots.draft._structure import find_exclusions, find_fingers, fin
 from lis_grasp.robots.draft.pipeline import draft_hand
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import check_hand
-from lis_grasp.robots.link_bodies import load_mesh
+from lis_grasp.robots.link_bodies import load_link_mesh
 from lis_grasp.robots.shipped_models import HAND_NAMES
 
 BASE = ("base", [((0.06, 0.1, 0.04), (0.0, 0.0, 0.0))])
@@ -121,7 +121,7 @@ def test_the_pointer_of_a_large_file_is_no_mesh(tmp_path: Path) -> None:
     pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n"
     (tmp_path / "tip.stl").write_text(pointer)
     with pytest.raises(InvalidFileError, match="git lfs pull"):
-        load_mesh(tmp_path / "tip.stl", None)
+        load_link_mesh(tmp_path / "tip.stl", None)
 
 
 def test_pads_of_a_jaw_are_its_inner_faces_though_racks_cross(tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import check_hand
 from lis_grasp.robots.kinematics import link_kinematics
-from lis_grasp.robots.link_bodies import load_mesh
+from lis_grasp.robots.link_bodies import load_link_mesh
 from lis_grasp.robots.shipped_models import model_path
 from lis_grasp.service.touch_service import TouchService
 from lis_grasp.shapes.loading import load_obstacles
@@ -539,7 +539,7 @@ READERS: dict[str, Reader] = {
         f"mesh {ending}": Reader(_box(ending), lambda path: check_shape(shapes.load(path)))
         for ending in ("stl", "obj", "ply", "off", "glb", "gltf", "dae", "3mf")
     },
-    "body dae": Reader(_box("dae"), lambda path: load_mesh(path, None)),
+    "body dae": Reader(_box("dae"), lambda path: load_link_mesh(path, None)),
     "surface.ply": Reader(_surface, _check_surface),
     "grasps.json": Reader(_saved("grasps.json", _save_grasps), _check_grasps),
     "touches.jsonl": Reader(_saved("touches.jsonl", _save_touches), _check_touches),

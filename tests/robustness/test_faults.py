@@ -42,7 +42,7 @@ FAULTS = {
     ),
     "a linear programme": ("lis_grasp.grasping.force_closure.linprog", 0, ESTIMATED),
     "inverse kinematics": ("lis_grasp.grasping._candidate_filter.solve_ik", 1, ESTIMATED),
-    "Drake's plant": ("lis_grasp.simulation.drake.lift.add_object", 0, ESTIMATED),
+    "Drake's plant": ("lis_grasp.simulation.drake.lift.add_object_body", 0, ESTIMATED),
 }
 
 

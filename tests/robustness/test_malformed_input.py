@@ -33,7 +33,7 @@ from lis_grasp.motion import Motion
 from lis_grasp.results.page import scene_of
 from lis_grasp.results.run_results import Run
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.link_bodies import load_mesh
+from lis_grasp.robots.link_bodies import load_link_mesh
 from lis_grasp.shapes.loading import load_obstacles
 from lis_grasp.surfaces import ESTIMATORS, LocalImplicitSurface
 from lis_grasp.surfaces.contact_loading import load_contacts
@@ -251,11 +251,11 @@ def test_invalid_numbers_in_a_hand_are_refused(
 )
 def test_an_invalid_mesh_scale_is_refused(scale: str, message: str, tmp_path: Path) -> None:
     trimesh.creation.box(extents=(0.1, 0.1, 0.1)).export(tmp_path / "body.stl")
-    assert load_mesh(tmp_path / "body.stl", [0.5, 1.0, -2.0]).extents == pytest.approx(
+    assert load_link_mesh(tmp_path / "body.stl", [0.5, 1.0, -2.0]).extents == pytest.approx(
         [0.05, 0.1, 0.2]
     )
     with pytest.raises(InvalidHandError, match=message):
-        load_mesh(tmp_path / "body.stl", [float(word) for word in scale.split()])
+        load_link_mesh(tmp_path / "body.stl", [float(word) for word in scale.split()])
 
 
 @pytest.mark.parametrize("group", ["urdf", "sdf"])

@@ -14,10 +14,10 @@ from pydrake.systems.framework import DiagramBuilder
 
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
-from lis_grasp.simulation.drake.hand_plant import HandInPlant, add_hand
+from lis_grasp.simulation.drake.hand_plant import HandInPlant, add_hand_model
 from lis_grasp.simulation.drake.lift import WristInPlant
 from lis_grasp.simulation.drake.link_plant import add_visuals
-from lis_grasp.simulation.drake.object_plant import add_object
+from lis_grasp.simulation.drake.object_plant import add_object_body
 
 TIME_STEP = 0.002
 
@@ -31,7 +31,7 @@ def fixed_hand(hand: Hand) -> tuple[Any, Any, Any, HandInPlant]:
     """Return diagram, plant, scene graph and hand, its base welded to the world."""
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
-    added = add_hand(plant, hand)
+    added = add_hand_model(plant, hand)
     plant.WeldFrames(plant.world_frame(), added.base.body_frame())
     plant.Finalize()
     return builder.Build(), plant, scene_graph, added
@@ -88,7 +88,7 @@ def test_the_wrist_starts_at_its_pose_and_takes_roll_pitch_yaw_in_the_world() ->
     hand = Hand.load("wsg50")
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
-    added = add_hand(plant, hand)
+    added = add_hand_model(plant, hand)
     X_WB = trimesh.transformations.euler_matrix(0.4, -0.7, 1.1)
     X_WB[:3, 3] = [0.1, 0.2, 0.3]
     wrist = WristInPlant(plant, added, X_WB)
@@ -117,7 +117,7 @@ def test_an_object_weighs_and_balances_like_its_solid() -> None:
     plant, _ = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
     sides = np.array([0.1, 0.06, 0.04])
     mesh = trimesh.creation.box(extents=sides).apply_translation([0.02, 0.0, 0.01])
-    body = add_object(plant, mesh, mass=0.3).body
+    body = add_object_body(plant, mesh, mass=0.3).body
     plant.Finalize()
     spatial = body.default_spatial_inertia()
     assert spatial.get_mass() == pytest.approx(0.3)
@@ -131,12 +131,12 @@ def test_an_object_keeps_its_hole() -> None:
     hand = Hand.load("wsg50")
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
-    added = add_hand(plant, hand)
+    added = add_hand_model(plant, hand)
     # Opened, the left dome (6 mm in radius) is in the middle of a hole of 20 mm radius.
     base = added.base.body_frame()
     plant.WeldFrames(plant.world_frame(), base, RigidTransform([-0.065, 0.0, -0.069]))
     ring = trimesh.creation.torus(major_radius=0.03, minor_radius=0.01)
-    body = add_object(plant, ring, mass=0.2).body
+    body = add_object_body(plant, ring, mass=0.2).body
     plant.WeldFrames(plant.world_frame(), body.body_frame())
     plant.Finalize()
     root = builder.Build().CreateDefaultContext()
@@ -174,7 +174,7 @@ def test_a_coupled_joint_follows_its_leader_while_it_moves() -> None:
 def test_a_hand_is_seen_where_its_links_are(hand: Hand) -> None:
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
-    added = add_hand(plant, hand)
+    added = add_hand_model(plant, hand)
     add_visuals(plant, hand, added.links)
     plant.Finalize()
     seen = plant.GetVisualGeometriesForBody

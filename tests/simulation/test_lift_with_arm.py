@@ -9,9 +9,10 @@ import trimesh
 from lis_grasp.arms.placement import choose_base
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.arms.trajectory import JointTrajectory
+from lis_grasp.arms.use import violations
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome, violations
+from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.setup import ArmLift, LiftSetup, plan_arm_lift
 from lis_grasp.motion import arm_body
 from lis_grasp.robots.arm import Arm

@@ -8,7 +8,12 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from lis_grasp.simulation.drake.object_plant import add_object, add_support, add_table, let_rest
+from lis_grasp.simulation.drake.object_plant import (
+    add_object_body,
+    add_support,
+    add_table,
+    let_rest,
+)
 
 
 def heights_after_a_fall(
@@ -22,7 +27,7 @@ def heights_after_a_fall(
         discrete_contact_approximation="lagged",
     )
     plant, scene_graph = AddMultibodyPlant(config, builder)
-    added = add_object(plant, mesh, mass=mass)
+    added = add_object_body(plant, mesh, mass=mass)
     height = float(mesh.bounds[0, 2])
     support = add_support(plant, height, 0.8, under=mesh, mass=mass)
     table = add_table(plant, height + 0.01, 0.8, under=mesh) if with_table else None

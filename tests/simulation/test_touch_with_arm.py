@@ -6,11 +6,11 @@ import trimesh
 
 from lis_grasp.arms.placement import choose_base
 from lis_grasp.arms.station import Station, Table
+from lis_grasp.arms.use import ArmUse
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.probe_motions import ARM_PROBE_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
-from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber

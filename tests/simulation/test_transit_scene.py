@@ -6,8 +6,7 @@ import trimesh
 from stations import station_with
 
 from lis_grasp.arms.trajectory import time_path
-from lis_grasp.lifting.outcome import ArmUse, violations
-from lis_grasp.lifting.scene import ArmStoppedError
+from lis_grasp.arms.use import ArmStoppedError, ArmUse, violations
 from lis_grasp.simulation.drake.dynamic_prober import TransitScene
 
 STATION = station_with("wsg50")

@@ -311,7 +311,7 @@ def test_few_touches_show_a_flat_ring_better_if_its_walls_reach_the_table() -> N
     for count, seed in product((4, 5), range(4)):
         contacts = flat_ring(count=count, seed=seed)
         without = overlap(estimate(contacts, **noise))
-        gains.append(overlap(estimate(contacts, table=0.0, **noise)) - without)
+        gains.append(overlap(estimate(contacts, support_height=0.0, **noise)) - without)
     assert min(gains) > -0.05
     assert np.mean(gains) > 0.05  # 0.15 of eight other sets, of which none lost more than 0.01
 
@@ -324,6 +324,6 @@ def test_the_table_does_not_confirm_a_contact_that_lies() -> None:
     assert judge_contacts(flipped).rows("flipped").tolist() == [3]
     places = flipped.points + [0.001, 0.002, -0.003]
     assert_allclose(
-        estimate(flipped, table=0.0).evaluate(places),
-        estimate(judge_contacts(flipped).credible, table=0.0).evaluate(places),
+        estimate(flipped, support_height=0.0).evaluate(places),
+        estimate(judge_contacts(flipped).credible, support_height=0.0).evaluate(places),
     )

@@ -177,7 +177,7 @@ def test_a_cloud_and_fingertip_centres_are_joined(centers: FloatArray, tmp_path:
         ("a.ply", "version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
         ("a.csv", "a,b\n1,2\n", "must have columns x,y,z, .*; it has a, b$"),
         ("a.pcd", "FIELDS x y z\nSIZE 4 4\nTYPE F F F\nPOINTS 1\nDATA ascii\n", "not equally many"),
-        ("a.npy", "hello", "it is no array of NumPy"),
+        ("a.npy", "hello", "no NPY"),
         ("a.stl", "solid", "lis-grasp grasp .*a.stl"),
         ("a.csv", "x,y,z,nx,ny,nz\n0,0,0,0,0,2\n", "by its length"),
     ],

@@ -19,7 +19,7 @@ from lis_grasp.geometry import (
     unit,
 )
 from lis_grasp.records import read_only
-from lis_grasp.robots.draft._structure import Finger, FingerBody, link_points
+from lis_grasp.robots.draft._structure import DraftFinger, FingerBody, link_points
 from lis_grasp.robots.kinematics import link_kinematics
 from lis_grasp.robots.robot_model import Pad, RobotModel
 from lis_grasp.typing import FloatArray
@@ -39,7 +39,7 @@ _RECESSED = 0.002  # by which a body nearer to the finger's end may be in front 
 _TIP_LENGTH = 0.04  # part of a finger, from its end, that counts as its tip [m]
 
 
-def fit_flat_pads(model: RobotModel, fingers: Sequence[Finger]) -> tuple[Pad, ...]:
+def fit_flat_pads(model: RobotModel, fingers: Sequence[DraftFinger]) -> tuple[Pad, ...]:
     """Return the pads of a gripper's two fingers.
 
     The fingers close along the gap between the tips. The pad of each is the largest flat face that
@@ -65,7 +65,7 @@ def fit_flat_pads(model: RobotModel, fingers: Sequence[Finger]) -> tuple[Pad, ..
     return tuple(replace(p, half_angle=angle) for p, angle in zip(pads, angles, strict=True))
 
 
-def face_areas(model: RobotModel, fingers: Sequence[Finger]) -> FloatArray:
+def face_areas(model: RobotModel, fingers: Sequence[DraftFinger]) -> FloatArray:
     """Return the area of the flat face that each of a gripper's fingers closes with, (2,) [m^2].
 
     An area counts less the more its face is oblique to the closing direction; 0 without a face.
@@ -81,7 +81,7 @@ def _poses(model: RobotModel, q: FloatArray) -> dict[str, FloatArray]:
 
 
 def _ways(
-    model: RobotModel, fingers: Sequence[Finger]
+    model: RobotModel, fingers: Sequence[DraftFinger]
 ) -> tuple[dict[str, FloatArray], list[FloatArray], list[FloatArray]]:
     """Return the links' poses half open; each tip's ways to the other one and outwards.
 
@@ -120,7 +120,7 @@ def _opposed(pads: Sequence[Pad], poses: Mapping[str, FloatArray]) -> list[Pad]:
     return moved
 
 
-def flat_pad(finger: Finger, towards_L: FloatArray, outward_L: FloatArray) -> Pad:
+def flat_pad(finger: DraftFinger, towards_L: FloatArray, outward_L: FloatArray) -> Pad:
     """Return a gripper finger's largest flat face that looks about along the closing direction.
 
     It is a face of one body that no other body of the finger covers, nor protrudes over towards the
@@ -143,7 +143,7 @@ def flat_pad(finger: Finger, towards_L: FloatArray, outward_L: FloatArray) -> Pa
 
 
 def _largest_face(
-    finger: Finger, towards_L: FloatArray, outward_L: FloatArray
+    finger: DraftFinger, towards_L: FloatArray, outward_L: FloatArray
 ) -> tuple[float, FingerBody, FloatArray, FloatArray] | None:
     """Return the weighted area, body, normal and middle of a finger's largest uncovered face."""
     best: tuple[float, FingerBody, FloatArray, FloatArray] | None = None

@@ -9,7 +9,7 @@ import numpy as np
 from lis_grasp.geometry import angle_between, apply_pose, cross, rotate_back, tangent_frame, unit
 from lis_grasp.records import read_only
 from lis_grasp.robots.draft._flat_pads import fit_flat_pads
-from lis_grasp.robots.draft._structure import Finger, reach
+from lis_grasp.robots.draft._structure import DraftFinger, reach
 from lis_grasp.robots.kinematics import Kinematics, link_kinematics
 from lis_grasp.robots.link_bodies import fibonacci_directions
 from lis_grasp.robots.robot_model import Pad, RobotModel
@@ -27,7 +27,7 @@ _PARALLEL = 0.05  # a tip does not turn if its rotation matrix changes by less
 
 
 def fit_pads(
-    model: RobotModel, fingers: Sequence[Finger], tilts: Sequence[float] = TILTS
+    model: RobotModel, fingers: Sequence[DraftFinger], tilts: Sequence[float] = TILTS
 ) -> tuple[Pad, ...]:
     """Return one pad for each finger; the flat faces of a gripper's two, else spheres.
 
@@ -59,7 +59,7 @@ def fit_pads(
 
 
 def _slides(
-    model: RobotModel, fingers: Sequence[Finger], kinematics: Kinematics
+    model: RobotModel, fingers: Sequence[DraftFinger], kinematics: Kinematics
 ) -> dict[int, FloatArray]:
     """Return by finger the direction (3,) in which tips move without turning, relative to others.
 
@@ -97,7 +97,7 @@ def _sliding(
     return closing, outward / length if length > 1e-4 else tangent_frame(closing)[0]
 
 
-def _closing(finger: Finger, towards_L: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _closing(finger: DraftFinger, towards_L: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return unit vectors in the link frame: the tip's motion when closing, and its far end."""
     joint = finger.joint
     if joint.kind == "prismatic":
@@ -115,7 +115,10 @@ def _closing(finger: Finger, towards_L: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def round_pad(
-    finger: Finger, closing_L: FloatArray, outward_L: FloatArray, tilts: Sequence[float] = TILTS
+    finger: DraftFinger,
+    closing_L: FloatArray,
+    outward_L: FloatArray,
+    tilts: Sequence[float] = TILTS,
 ) -> Pad:
     """Return the sphere whose support function fits that of the finger's end best.
 

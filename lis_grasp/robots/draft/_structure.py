@@ -79,7 +79,7 @@ class FingerBody:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Finger:
+class DraftFinger:
     """A chain of joints from the palm to a fingertip."""
 
     name: str
@@ -96,7 +96,7 @@ class Finger:
         return np.vstack([body.points_L for body in self.bodies])
 
 
-def find_fingers(model: RobotModel, tips: Sequence[str] = ()) -> tuple[Finger, ...]:
+def find_fingers(model: RobotModel, tips: Sequence[str] = ()) -> tuple[DraftFinger, ...]:
     """Return the fingers of a hand: one for each of the named tip links, else for each leaf.
 
     A leaf is a rigid group of links with bodies that moves and carries no other such group. If
@@ -136,7 +136,7 @@ def rigid_groups(model: RobotModel) -> dict[str, str]:
     return groups
 
 
-def shared_joints(model: RobotModel, fingers: Sequence[Finger]) -> list[Joint]:
+def shared_joints(model: RobotModel, fingers: Sequence[DraftFinger]) -> list[Joint]:
     """Return the movable joints before all fingers, as of a wrist or an arm, the first first."""
     chains = [[j.name for j in joints_to(model.joints, f.link) if j.index >= 0] for f in fingers]
     common = set(chains[0]).intersection(*chains[1:])
@@ -156,7 +156,7 @@ def leaf_groups(model: RobotModel) -> list[str]:
     return [link for link in model.links if link in solid - carriers]
 
 
-def _jaws(model: RobotModel, groups: Mapping[str, str], moving: Finger) -> list[Finger]:
+def _jaws(model: RobotModel, groups: Mapping[str, str], moving: DraftFinger) -> list[DraftFinger]:
     """Return the ends of a single finger and of the fixed jaw that it closes on.
 
     The fixed jaw is what of its carrier reaches as far out as the finger does. The finger is closed
@@ -167,7 +167,7 @@ def _jaws(model: RobotModel, groups: Mapping[str, str], moving: Finger) -> list[
     arm_L = reach(moving.points_L, moving.origin_L, moving.axis_L)
     length = float(np.linalg.norm(arm_L))
     least = length - min(_JAW_END, 0.5 * length)  # along the finger, from its joint
-    found: list[tuple[float, Finger]] = []
+    found: list[tuple[float, DraftFinger]] = []
     for end in (model.lower, model.upper) if own and length else ():
         q = np.clip(0.0, model.lower, model.upper)
         q[joint.index] = end[joint.index]
@@ -191,7 +191,7 @@ def _jaws(model: RobotModel, groups: Mapping[str, str], moving: Finger) -> list[
     return [_end_of(moving, arm_L, moving.origin_L + least * arm_L), jaw]
 
 
-def _end_of(finger: Finger, outward_L: FloatArray, point_L: FloatArray) -> Finger:
+def _end_of(finger: DraftFinger, outward_L: FloatArray, point_L: FloatArray) -> DraftFinger:
     """Return a finger whose one body is the hull of what is beyond a plane: it meets flat objects.
 
     Without anything beyond the plane it has no bodies.
@@ -211,7 +211,7 @@ def _finger(
     leaf: str,
     bodies: Sequence[LinkGeometry] | None = None,
     joint: Joint | None = None,
-) -> Finger:
+) -> DraftFinger:
     """Return the finger of a leaf; a fixed jaw has some `bodies` and the `joint` of the other."""
     members = [link for link in model.links if groups[link] == leaf]
     X_GL = {leaf: np.eye(4)}  # poses of the group's links in the first one
@@ -238,7 +238,7 @@ def _finger(
         X_LB = X_LG @ X_GL[name]
         placed.append(FingerBody(name, X_LB, apply_pose(X_LB, p)))
     motors = tuple(dict.fromkeys(joint.index for joint in chain if joint.index >= 0))
-    return Finger(
+    return DraftFinger(
         name=link,
         link=link,
         bodies=tuple(placed),
@@ -249,7 +249,7 @@ def _finger(
     )
 
 
-def _without_knobs(model: RobotModel, fingers: Sequence[Finger]) -> list[Finger]:
+def _without_knobs(model: RobotModel, fingers: Sequence[DraftFinger]) -> list[DraftFinger]:
     """Leave out what turns in place, as a wheel, a knob or a motor's horn; all stay if all do."""
     kinematics = link_kinematics(model)
     shared = {joint.index for joint in shared_joints(model, fingers)} if fingers else set()
@@ -267,7 +267,7 @@ def _without_knobs(model: RobotModel, fingers: Sequence[Finger]) -> list[Finger]
     return kept or list(fingers)
 
 
-def _without_linkages(model: RobotModel, fingers: Sequence[Finger]) -> list[Finger]:
+def _without_linkages(model: RobotModel, fingers: Sequence[DraftFinger]) -> list[DraftFinger]:
     """Leave out bars of linkages: they move with the same motor as a tip, and reach less far.
 
     The reach is measured from the first joint that this motor moves.
@@ -289,7 +289,7 @@ def _without_linkages(model: RobotModel, fingers: Sequence[Finger]) -> list[Fing
     return kept
 
 
-def _renamed(fingers: Sequence[Finger]) -> list[Finger]:
+def _renamed(fingers: Sequence[DraftFinger]) -> list[DraftFinger]:
     """Name fingers as people do where the names of links say so, else by the links."""
     words = ("thumb", "index", "middle", "ring", "little", "pinky", "left", "right")
     short = {"th": "thumb", "ff": "index", "mf": "middle", "rf": "ring", "lf": "little"}

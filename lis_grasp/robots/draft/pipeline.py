@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import yourdfpy
 
-from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.exceptions import InvalidHandError, listed
 from lis_grasp.geometry import unit
 from lis_grasp.records import fields_of, read_only
 from lis_grasp.robots._build_model import build_model, link_inertial
@@ -25,7 +25,7 @@ from lis_grasp.robots.draft._pads import fit_pads
 from lis_grasp.robots.draft._pregrasps import MOST_TURNED, Opening, find_palm_frame, find_pregrasps
 from lis_grasp.robots.draft._probe_postures import find_probe_postures
 from lis_grasp.robots.draft._structure import (
-    Finger,
+    DraftFinger,
     find_exclusions,
     find_fingers,
     find_hand_bases,
@@ -43,7 +43,6 @@ _OTHER_TILTS = ((0.25,), (0.0,))  # of pads that are tried next [rad]
 _TURNED = 0.95  # error of a pad's axis that is accepted at last (chord)
 _HIDDEN = 2.0  # parts replace a gripper's hulls if their faces are so many times the hulls'
 _ASIDE = 0.5  # sideways part of the approach of a hand with a fixed jaw
-_LISTED = 4  # links, or pairs of them, in a note
 # Of many hands' joints [N m or N].
 _USUAL_EFFORT = {"revolute": 1.0, "continuous": 1.0, "prismatic": 40.0}
 _USED = 0.9  # fraction of an effort that a finger's force may need
@@ -128,7 +127,7 @@ class _Described:
         self.model = self._built(self.edits)
 
     @cached_property
-    def fingers(self) -> tuple[Finger, ...]:
+    def fingers(self) -> tuple[DraftFinger, ...]:
         return find_fingers(self.model, self._tips)
 
     def leave_out_robot(self, base_link: str | None) -> None:
@@ -188,16 +187,16 @@ class _Described:
         self.edits = replace(self.edits, repair=bool(links))
         if links:
             self.notes.append(
-                f"impossible inertias or missing masses of {_listed(links)} are replaced, by repair"
+                f"impossible inertias or missing masses of {listed(links)} are replaced, by repair"
             )
 
     def note_exclusions(self, hand: Hand) -> None:
         by_design = hand.self_collision_exclusions - _joined_pairs(self.model)
         if by_design:
-            listed = _listed(["-".join(pair) for pair in sorted(by_design)])
+            named = listed(["-".join(pair) for pair in sorted(by_design)])
             self.notes.append(
                 "collisions of these links with each other are ignored, by"
-                f" self_collision_exclusions, as they occur in many postures: {listed}"
+                f" self_collision_exclusions, as they occur in many postures: {named}"
             )
 
     def _set_missing_efforts(self) -> None:
@@ -230,7 +229,7 @@ class _Described:
 
 
 def _with_openings(
-    model: RobotModel, name: str, fingers: Sequence[Finger], rng: np.random.Generator
+    model: RobotModel, name: str, fingers: Sequence[DraftFinger], rng: np.random.Generator
 ) -> tuple[Hand, list[Opening]]:
     """Return a hand with pads, and its openings, the widest first.
 
@@ -279,11 +278,6 @@ def _strong_enough(hand: Hand, edits: DescriptionEdits) -> tuple[Hand, Descripti
             limits[j] = efforts[name] = max(efforts[name], needed)
     edits = replace(edits, effort_limits=MappingProxyType(efforts))
     return replace(hand, effort_limits=read_only(limits)), edits
-
-
-def _listed(names: Sequence[str]) -> str:
-    rest = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
-    return ", ".join(names[:_LISTED]) + rest
 
 
 def _joined_pairs(model: RobotModel) -> frozenset[tuple[str, str]]:

@@ -9,18 +9,12 @@ import numpy as np
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 
-from lis_grasp.arms.trajectory import JointTrajectory
+from lis_grasp.arms.trajectory import JointTrajectory, minimum_jerk
+from lis_grasp.arms.use import ArmShake, ArmStoppedError, ArmUse
 from lis_grasp.geometry import cross
-from lis_grasp.lifting.outcome import ArmShake, ArmUse
-from lis_grasp.lifting.scene import ArmStoppedError, Carrier, CarrierMotion
+from lis_grasp.lifting.scene import Carrier, CarrierMotion
 from lis_grasp.lifting.setup import LiftSetup
-from lis_grasp.lifting.wrist_path import (
-    PalmPath,
-    WristPath,
-    joint_path_along,
-    minimum_jerk,
-    use_of_limits,
-)
+from lis_grasp.lifting.wrist_path import PalmPath, WristPath, joint_path_along, use_of_limits
 from lis_grasp.motion import arm_body
 from lis_grasp.simulation.drake._plant_scene import PlantScene
 from lis_grasp.simulation.drake.arm_plant import ArmWatch, add_arm

@@ -14,9 +14,8 @@ from pydrake.multibody.tree import (
 )
 
 from lis_grasp.arms.station import Station
+from lis_grasp.arms.use import ArmStoppedError, ArmUse
 from lis_grasp.geometry import inverse_pose, make_pose
-from lis_grasp.lifting.outcome import ArmUse
-from lis_grasp.lifting.scene import ArmStoppedError
 from lis_grasp.lifting.wrist_path import joint_rates, posture_near
 from lis_grasp.probing.approach_planner import rotation_to_x
 from lis_grasp.simulation.drake._plant_scene import PlantScene

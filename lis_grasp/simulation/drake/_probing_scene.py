@@ -8,15 +8,20 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 
 from lis_grasp.arms.station import Station
+from lis_grasp.arms.use import ArmUse
 from lis_grasp.contacts import Contacts
-from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.object_mass import GRAVITY, USUAL_FRICTION
 from lis_grasp.shapes.solids import merge_flat_faces
 from lis_grasp.simulation.drake._plant_scene import PlantScene
 from lis_grasp.simulation.drake._probe_carriers import ProbeArm, ProbeRail
-from lis_grasp.simulation.drake.hand_plant import add_hand
-from lis_grasp.simulation.drake.object_plant import FreeObject, add_object, add_support, add_table
+from lis_grasp.simulation.drake.hand_plant import add_hand_model
+from lis_grasp.simulation.drake.object_plant import (
+    FreeObject,
+    add_object_body,
+    add_support,
+    add_table,
+)
 from lis_grasp.typing import FloatArray
 
 _TIME_STEP = 0.002  # [s]
@@ -58,7 +63,7 @@ class ProbingScene:
         )
         plant = scene.plant
         friction = USUAL_FRICTION if free is None else free.friction
-        self._hand = add_hand(plant, hand, friction=friction)
+        self._hand = add_hand_model(plant, hand, friction=friction)
         self.carrier: ProbeRail | ProbeArm = (
             ProbeRail(plant, self._hand)
             if station is None
@@ -67,12 +72,12 @@ class ProbingScene:
         self._free = free is not None
         support = table = None
         if free is None:
-            self._object = add_object(plant, mesh, mass=1.0, friction=friction)
+            self._object = add_object_body(plant, mesh, mass=1.0, friction=friction)
             plant.set_gravity_enabled(self._object.body.model_instance(), False)
         else:
             # Contact with the table costs by the triangles of the faces on it.
             faces = merge_flat_faces(mesh)
-            self._object = add_object(plant, faces, mass=free.mass, friction=friction)
+            self._object = add_object_body(plant, faces, mass=free.mass, friction=friction)
             # At the radius of half the least extent [N m].
             radius = 0.5 * float(np.min(mesh.extents))
             self._resistance = _ROLLING_RESISTANCE * free.mass * GRAVITY * radius

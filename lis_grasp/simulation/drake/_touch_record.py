@@ -9,8 +9,8 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.observations import new_contacts
+from lis_grasp.exploration.touch_detection import TouchDetection
 from lis_grasp.exploration.workspace import Workspace
-from lis_grasp.logs.detection import TouchDetection
 from lis_grasp.probing.course import FREE_POINT_SPACING
 from lis_grasp.records import Record
 from lis_grasp.typing import FloatArray, IndexArray

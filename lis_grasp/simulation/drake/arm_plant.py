@@ -23,8 +23,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import Context
 
 from lis_grasp.arms.station import Station
-from lis_grasp.lifting.outcome import EFFORT_LIMIT, TABLE, ArmUse
-from lis_grasp.lifting.scene import ArmStoppedError
+from lis_grasp.arms.use import EFFORT_LIMIT, TABLE, ArmStoppedError, ArmUse
 from lis_grasp.motion import OBJECT
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand

@@ -33,11 +33,11 @@ class LinkContact(HandContact):
     surface: ContactSurface | None  # the patch; None for point contact
     outward: float  # 1 if the patch's face normals point out of the object, else -1
 
-    def flat_parts(self) -> list[Patch]:
+    def flat_parts(self) -> list[FlatPart]:
         """Return the flat parts of the patch; see `split_patch`."""
         surface = self.surface
         if surface is None:
-            return [Patch(self.link, self.point, self.normal, self.normal_force)]
+            return [FlatPart(self.link, self.point, self.normal, self.normal_force)]
         mesh = surface.tri_mesh_W() if surface.is_triangle() else surface.poly_mesh_W()
         faces = range(surface.num_faces())
         return split_patch(
@@ -51,7 +51,7 @@ class LinkContact(HandContact):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Patch:
+class FlatPart:
     """One flat part of a contact patch."""
 
     link: str
@@ -108,7 +108,7 @@ def link_contacts(
     return contacts
 
 
-def contacts_of(patches: Sequence[Patch], time: float) -> Contacts:
+def contacts_of_parts(patches: Sequence[FlatPart], time: float) -> Contacts:
     """Return flat parts that are in contact at a time [s] as contacts."""
     return Contacts(
         points=np.array([patch.point for patch in patches]) + 0.0,  # no negative zeros
@@ -127,7 +127,7 @@ def split_patch(
     pieces: IntArray,
     *,
     force: float,
-) -> list[Patch]:
+) -> list[FlatPart]:
     """Split a contact patch at gaps and at the object's edges, convex or concave.
 
     A tip in a corner touches two faces: their mean normal is the normal of neither. A tip across a
@@ -140,7 +140,7 @@ def split_patch(
     """
     total = float(areas.sum())
     remaining = areas > 0.0
-    parts: list[Patch] = []
+    parts: list[FlatPart] = []
     while remaining.any():
         largest = int(np.argmax(np.where(remaining, areas, -1.0)))
         normal = normals[largest]
@@ -153,7 +153,7 @@ def split_patch(
         fraction = float(areas[members].sum()) / total
         if fraction >= _LEAST_FRACTION or not parts:
             point = areas[members] @ centroids[members] / areas[members].sum()
-            parts.append(Patch(link, point, normal, force * fraction))
+            parts.append(FlatPart(link, point, normal, force * fraction))
         remaining &= ~members
     return parts
 

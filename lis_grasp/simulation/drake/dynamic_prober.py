@@ -11,14 +11,13 @@ import trimesh
 
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory
+from lis_grasp.arms.use import ArmStoppedError, ArmUse
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_positive
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import GENTLE_SPEED, PROBE_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
-from lis_grasp.lifting.outcome import ArmUse
-from lis_grasp.lifting.scene import ArmStoppedError
 from lis_grasp.probing.course import Course, Leg, path_back, path_out
 from lis_grasp.probing.guarded_motion import SLIDE_STEP, GuardedMotion
 from lis_grasp.records import read_only
@@ -27,8 +26,8 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake._plant_scene import PlantScene
 from lis_grasp.simulation.drake._probing_scene import ProbingScene
 from lis_grasp.simulation.drake.arm_plant import ArmWatch, add_arm
-from lis_grasp.simulation.drake.hand_plant import add_hand
-from lis_grasp.simulation.drake.object_plant import FreeObject, add_object, add_table
+from lis_grasp.simulation.drake.hand_plant import add_hand_model
+from lis_grasp.simulation.drake.object_plant import FreeObject, add_object_body, add_table
 from lis_grasp.typing import FloatArray
 
 # Free flight needs no dynamics: the simulation starts this far before the first contact [m]; an arm
@@ -261,10 +260,10 @@ class TransitScene:
     def __init__(self, station: Station, mesh: trimesh.Trimesh, use: ArmUse) -> None:
         self._scene = scene = PlantScene(TIME_STEP, contact_model="hydroelastic_with_fallback")
         plant, hand = scene.plant, station.hand
-        self._hand = add_hand(plant, hand)
+        self._hand = add_hand_model(plant, hand)
         posture = next(iter(hand.probe_postures.values())).joint_positions
         self._arm = add_arm(plant, station, self._hand, posture)
-        obj = add_object(plant, mesh, mass=1.0)
+        obj = add_object_body(plant, mesh, mass=1.0)
         table = None
         if station.table is not None:
             table = add_table(plant, station.table.height, under=mesh)

@@ -22,8 +22,9 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, listed
 from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.mjcf import SERVO_STIFFNESS
 from lis_grasp.robots.robot_model import by_joint_kind
 from lis_grasp.shapes.object_mass import USUAL_FRICTION
 from lis_grasp.simulation.drake.link_plant import LinksInPlant, add_links, add_skin
@@ -43,10 +44,8 @@ A spherical tip pressed in by d needs F = pi E d^2: 0.2 N press it in by 0.25 mm
 LIFTING_SKIN = 1e7
 """While lifting, the skin is as firm as rubber [Pa]: 5 N press it in by 0.4 mm."""
 
-_STIFFNESS = {"revolute": 5.0, "prismatic": 5_000.0}  # [N m/rad], [N/m]
 _DAMPING = {"revolute": 0.1, "prismatic": 50.0}  # [N m s/rad], [N s/m]
 _COMPLIANCE = ("hydroelastic", "compliance_type")  # Drake's name of the property
-_NAMED = 4  # of the parts that a found hand lacks, so many are named
 
 
 class PdWrist(LeafSystem):
@@ -168,7 +167,7 @@ def require_in_plant(system: str, hand: object) -> None:
         )
 
 
-def add_hand(
+def add_hand_model(
     plant: MultibodyPlant,
     hand: Hand,
     *,
@@ -186,7 +185,7 @@ def add_hand(
     """
     links = add_links(plant, hand, plant.AddModelInstance(name))
     stiffness, damping = gains or (
-        by_joint_kind(hand, **_STIFFNESS),
+        by_joint_kind(hand, **SERVO_STIFFNESS),
         by_joint_kind(hand, **_DAMPING),
     )
     for i, joint in enumerate(links.joints):
@@ -220,7 +219,7 @@ def find_hand(plant: MultibodyPlant, hand: Hand, instance: ModelInstanceIndex) -
     lacks += [f"actuator of {n}" for n in hand.joint_names if n not in driven]
     others = [n for n in driven if n not in hand.joint_names]
     if lacks or others:
-        wrong = f"lacks {_some(lacks)}" if lacks else f"also drives {_some(others)}"
+        wrong = f"lacks {listed(lacks)}" if lacks else f"also drives {listed(others)}"
         raise InvalidOptionError(
             f"model instance '{name}' must be hand {hand.name} with its motors; it {wrong}: correct"
             " the description file, or let add_hand add the hand",
@@ -248,18 +247,12 @@ def find_hand(plant: MultibodyPlant, hand: Hand, instance: ModelInstanceIndex) -
         }
         if hard:
             warn(
-                f"links {_some(list(hard))} of '{name}' have no hydroelastic properties: they feel"
+                f"links {listed(list(hard))} of '{name}' have no hydroelastic properties: they feel"
                 " by point contact, which takes meshes for their convex hulls. Give them"
                 " drake:compliant_hydroelastic in their file, or let add_hand add the hand",
                 stacklevel=3,
             )
     return HandInPlant(hand, links, link_of_geometry)
-
-
-def _some(names: list[str]) -> str:
-    """Return the first names, and how many there are more."""
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(names[:_NAMED]) + more
 
 
 def _driven_joints(plant: MultibodyPlant, instance: ModelInstanceIndex) -> list[str]:

@@ -36,8 +36,8 @@ from lis_grasp.shapes.solids import merge_flat_faces, split_large_faces
 from lis_grasp.simulation.drake._arm_carrier import ArmCarrier
 from lis_grasp.simulation.drake._plant_scene import PlantScene
 from lis_grasp.simulation.drake.contact_patches import LinkContact
-from lis_grasp.simulation.drake.hand_plant import LIFTING_SKIN, HandInPlant, add_hand
-from lis_grasp.simulation.drake.object_plant import add_object, add_support, add_table
+from lis_grasp.simulation.drake.hand_plant import LIFTING_SKIN, HandInPlant, add_hand_model
+from lis_grasp.simulation.drake.object_plant import add_object_body, add_support, add_table
 from lis_grasp.typing import FloatArray
 
 # Length and width of the object's largest triangles [m]. Drake bounds up to three triangles by one
@@ -89,7 +89,9 @@ class LiftScene:
         )
         plant = scene.plant
         gains = finger_gains(hand, setup.grasp)
-        self._hand = add_hand(plant, hand, gains=gains, friction=friction, modulus=LIFTING_SKIN)
+        self._hand = add_hand_model(
+            plant, hand, gains=gains, friction=friction, modulus=LIFTING_SKIN
+        )
         for joint, inertia in zip(self._hand.joints, motor_inertias(hand), strict=True):
             motor = plant.GetJointActuatorByName(joint.name(), self._hand.instance)
             motor.set_default_rotor_inertia(inertia)
@@ -102,7 +104,7 @@ class LiftScene:
         self._p_OB: FloatArray = mesh.bounds.mean(axis=0)
         centered = merge_flat_faces(mesh.copy().apply_translation(-self._p_OB))
         faces = split_large_faces(centered, longest=_LONGEST, widest=_WIDEST)
-        self._object = add_object(plant, faces, mass=setup.mass, friction=friction)
+        self._object = add_object_body(plant, faces, mass=setup.mass, friction=friction)
         height = setup.support_height
         table = add_table(plant, height, friction, under=mesh)
         support = add_support(plant, height, friction, under=mesh, mass=setup.mass)

@@ -70,13 +70,13 @@ class FreeObject:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectInPlant:
-    """An object that `add_object` has added to a plant."""
+    """An object that `add_object_body` has added to a plant."""
 
     body: RigidBody
     geometry: GeometryId
 
 
-def add_object(
+def add_object_body(
     plant: MultibodyPlant,
     mesh: trimesh.Trimesh,
     *,
@@ -116,21 +116,26 @@ def spatial_inertia(mass: float, center: FloatArray, matrix: FloatArray) -> Spat
 
 def add_table(
     plant: MultibodyPlant,
-    height: float,
+    support_height: float,
     friction: float = USUAL_FRICTION,
     *,
     under: trimesh.Trimesh,
 ) -> GeometryId:
-    """Add a compliant table with its top at a height in W [m], and return its geometry.
+    """Add a compliant table with its top at the support height in W [m], and return its geometry.
 
     It is 1.5 m wide about W's origin, or wider to be under the mesh, given in W. It is a box:
     Drake 1.51 fails on a compliant half space against a rigid mesh.
     """
-    return _add_slab(plant, height, friction, under, "table", _TABLE_MODULUS)
+    return _add_slab(plant, support_height, friction, under, "table", _TABLE_MODULUS)
 
 
 def add_support(
-    plant: MultibodyPlant, height: float, friction: float, *, under: trimesh.Trimesh, mass: float
+    plant: MultibodyPlant,
+    support_height: float,
+    friction: float,
+    *,
+    under: trimesh.Trimesh,
+    mass: float,
 ) -> GeometryId:
     """Add the table that supports a free object of a mass [kg], and return its geometry.
 
@@ -139,7 +144,7 @@ def add_support(
     sinks in by 12 um at steps of 5 ms. For the hand there is another table; see `let_rest`.
     """
     modulus = min(_TABLE_MODULUS, _stable_modulus(under, mass, plant.time_step()))
-    return _add_slab(plant, height, friction, under, "support", modulus)
+    return _add_slab(plant, support_height, friction, under, "support", modulus)
 
 
 def let_rest(
@@ -181,7 +186,7 @@ def _stable_modulus(mesh: trimesh.Trimesh, mass: float, time_step: float) -> flo
 
 def _add_slab(
     plant: MultibodyPlant,
-    height: float,
+    support_height: float,
     friction: float,
     under: trimesh.Trimesh,
     name: str,
@@ -197,7 +202,7 @@ def _add_slab(
     AddCompliantHydroelasticProperties(
         resolution_hint=0.1, hydroelastic_modulus=modulus, properties=properties
     )
-    X_WT = RigidTransform([0.0, 0.0, height - 0.5 * _TABLE_THICKNESS])
+    X_WT = RigidTransform([0.0, 0.0, support_height - 0.5 * _TABLE_THICKNESS])
     return plant.RegisterCollisionGeometry(
         plant.world_body(), X_WT, Box(size, size, _TABLE_THICKNESS), name, properties
     )

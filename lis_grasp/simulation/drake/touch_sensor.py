@@ -19,16 +19,16 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration.probe_motions import TRANSIT_SPEED
 from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.tactile_sensor import TactileSensor
+from lis_grasp.exploration.touch_detection import TouchDetection
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
-from lis_grasp.logs.detection import TouchDetection
 from lis_grasp.probing.course import FREE_POINT_SPACING
 from lis_grasp.robots.link_bodies import balls_inside
 from lis_grasp.simulation.drake._touch_record import TouchRecord
 from lis_grasp.simulation.drake.contact_patches import (
+    FlatPart,
     LinkContact,
-    Patch,
-    contacts_of,
+    contacts_of_parts,
     link_contacts,
 )
 from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
@@ -230,7 +230,7 @@ class TouchSensor(LeafSystem):
             )
         return strong
 
-    def _contacts(self, context: Context, parts: list[Patch]) -> Contacts:
+    def _contacts(self, context: Context, parts: list[FlatPart]) -> Contacts:
         """Return flat parts in W as contacts in E."""
         if not parts:
             return _NOTHING
@@ -241,7 +241,7 @@ class TouchSensor(LeafSystem):
                 replace(part, point=apply_pose(X_EW, part.point), normal=rotate(X_EW, part.normal))
                 for part in parts
             ]
-        return contacts_of(parts, context.get_time())
+        return contacts_of_parts(parts, context.get_time())
 
     def _X_WE(self, context: Context) -> FloatArray:
         if self._frame is None:

@@ -29,7 +29,7 @@ with needed_package("mujoco", "mujoco", option="the simulator mujoco"):
     import mujoco
 
 
-def simulate_lift(setup: LiftSetup, accept_grasp: AcceptGrasp | None = None) -> LiftOutcome:
+def simulate_in_mujoco(setup: LiftSetup, accept_grasp: AcceptGrasp | None = None) -> LiftOutcome:
     """Execute one grasp on the true, free object in MuJoCo, and return whether it holds.
 
     Phases, control, outcome and arguments are those of the function of this name for Drake; an arm
@@ -43,7 +43,7 @@ def simulate_lift(setup: LiftSetup, accept_grasp: AcceptGrasp | None = None) -> 
 
 
 class MujocoScene:
-    """A MuJoCo simulation of hand, object and table; see `LiftingScene` and `simulate_lift`."""
+    """A MuJoCo simulation of hand, object and table; see `LiftingScene`."""
 
     def __init__(self, setup: LiftSetup, pieces: Sequence[trimesh.Trimesh]) -> None:
         hand, mesh = setup.hand, setup.mesh

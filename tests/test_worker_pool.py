@@ -14,6 +14,7 @@ import pytest
 PROGRAM = """
 import os, time
 from lis_grasp.stages.lift import worker_pool
+from lis_grasp.stages.worker_pool import worker_pool
 
 if __name__ == "__main__":
     with worker_pool(1) as pool:
@@ -54,6 +55,7 @@ SLEEP = """
 import signal, time
 from concurrent.futures import wait
 from lis_grasp.stages.lift import worker_pool
+from lis_grasp.stages.worker_pool import worker_pool
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored if the tests' parent does
     with worker_pool(2) as pool:

@@ -17,7 +17,6 @@ from lis_grasp.io.option import (
     option,
     record_of_options,
 )
-from lis_grasp.logs.reading import TOUCHES
 from lis_grasp.surfaces import estimate_normals
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -25,6 +24,8 @@ NormalSource = Literal["estimate", "force", "approach"]
 NORMAL_SOURCES: tuple[str, ...] = get_args(NormalSource)
 ForceOn = Literal["tip", "object"]
 FORCES_ON: tuple[str, ...] = get_args(ForceOn)
+TOUCHES = "touches"
+"""Group of the options in the help."""
 
 # Standard deviations of each component of a normal [rad]: of the inward direction of a force in a
 # friction cone with coefficient 0.5, and of an approach with the cosine law (a mean square sine of

@@ -20,9 +20,7 @@ from lis_grasp.logs.readers import (
     Topic,
 )
 from lis_grasp.logs.reading import LogReading
-from lis_grasp.robots._build_model import pose_matrix, unit_axis
-from lis_grasp.robots._description import DescriptionEdits, apply_edits, parse_description
-from lis_grasp.robots._urdf import naming
+from lis_grasp.robots.described_joints import read_joints
 from lis_grasp.typing import FloatArray
 
 # A joint may be this far outside of its limits [rad or m]: of calibrations that differ.
@@ -54,47 +52,32 @@ def with_link_frames(
     InvalidFileError, InvalidHandError
         If the description cannot be read.
     """
-    with naming(description):
-        robot = apply_edits(parse_description(description), DescriptionEdits())
-        leaders = {
-            joint.name: joint.name if joint.mimic is None else joint.mimic.joint
-            for joint in robot.joints
-            if joint.type != "fixed"
-        }
-        logged = log.joints(tuple(dict.fromkeys(leaders.values())))
-        if not logged:
-            named = ", ".join(leaders) or "none"
-            raise InvalidInputError(
-                f"the log must have joint states of {description}, whose movable joints are"
-                f" {named}; it has none of them{_others(log)}"
-            )
-        limited = {joint.name: joint for joint in robot.joints}
-        tracks = {
-            name: _one_track(limited[name], logged, log, reading)
-            for name in dict.fromkeys(leaders.values())
-            if name in limited
-        }
-        frames, unknown = {}, {}
-        for joint in robot.joints:
-            X_PJ, ends = pose_matrix(joint.origin), (joint.parent, joint.child)
-            if joint.type == "fixed":
-                frames[ends] = _timed(np.zeros(1), X_PJ[None], *ends)
-                continue
-            track = tracks.get(leaders[joint.name], f"there is no joint {leaders[joint.name]}")
-            if isinstance(track, str):
-                unknown[ends] = track
-                continue
-            positions = track.positions
-            if joint.mimic is not None:
-                ratio = 1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier
-                positions = ratio * positions + (joint.mimic.offset or 0.0)
-            along = positions[:, None] * unit_axis(joint)  # (T, 3)
-            X_JC = np.tile(np.eye(4), (len(positions), 1, 1))
-            if joint.type == "prismatic":
-                X_JC[:, :3, 3] = along
-            else:
-                X_JC[:, :3, :3] = Rotation.from_rotvec(along).as_matrix()
-            frames[ends] = _timed(track.times, X_PJ @ X_JC, *ends)
+    joints = read_joints(description)
+    moving = [joint for joint in joints if not joint.is_fixed]
+    logged = log.joints(tuple(dict.fromkeys(joint.leader for joint in moving)))
+    if not logged:
+        named = ", ".join(dict.fromkeys(joint.joint.name for joint in moving)) or "none"
+        raise InvalidInputError(
+            f"the log must have joint states of {description}, whose movable joints are"
+            f" {named}; it has none of them{_others(log)}"
+        )
+    tracks = {
+        joint.leader: _one_track(joint.joint, logged, log, reading)
+        for joint in moving
+        if joint.leader == joint.joint.name
+    }
+    frames, unknown = {}, {}
+    for joint in joints:
+        if joint.is_fixed:
+            still = np.zeros(1)
+            frames[joint.ends] = _timed(still, joint.poses(still), *joint.ends)
+            continue
+        track = tracks.get(joint.leader, f"the description has no joint {joint.leader}")
+        if isinstance(track, str):
+            unknown[joint.ends] = track
+        else:
+            X_PC = joint.poses(track.positions)
+            frames[joint.ends] = _timed(track.times, X_PC, *joint.ends)
     edges = [*frames, *unknown]
     base = min({parent for parent, _ in edges} - {child for _, child in edges})
     own = log.frames()
