@@ -44,13 +44,13 @@ class Contacts(Record):
         Shape (K, 3) [m]: places that the hand passed through without a contact.
     free_radii
         Shape (K,) [m], of free balls about these points; empty if only the points are free. A
-        half-space, such as that beyond a felt end, is a ball of `HALF_SPACE`.
+        half-space, such as the space beyond a touched end, is a ball of `HALF_SPACE`.
     position_noise
         Shape (N,) [m], one standard deviation of each contact's position along its normal. NaN
         where it is unknown; None if it is unknown for all.
     normal_noise
         Shape (N,) [rad], one standard deviation of each component of each contact's normal
-        perpendicular to it. NaN and None as of `position_noise`.
+        perpendicular to it. NaN and None as in `position_noise`.
     judged
         Whether estimators believe all contacts, instead of turning or leaving out those that others
         contradict (`judge_contacts`). It is not part of files.
@@ -58,12 +58,13 @@ class Contacts(Record):
     Raises
     ------
     InvalidContactsError
-        If shapes disagree, a number is not finite (but for NaN in noise), a point is farther than
-        `FARTHEST` from the origin, a normal has not unit length, or a radius or noise is negative.
+        If shapes disagree, a number is not finite (except for NaN in noise), a point is farther
+        than `FARTHEST` from the origin, a normal is not of unit length, or a radius or noise is
+        negative.
 
     Examples
     --------
-    Contacts are sliced and joined like a sequence; each item is contacts of one.
+    Contacts are sliced and joined like a sequence; each item is a record of one contact.
 
     >>> import numpy as np
     >>> axes = np.vstack([np.eye(3), -np.eye(3)])
@@ -124,7 +125,7 @@ class Contacts(Record):
 
     @classmethod
     def empty(cls) -> Contacts:
-        """Return no contacts: those of an object before the first touch."""
+        """Return a record without contacts, as before the first touch of an object."""
         return cls(np.empty((0, 3)), np.empty((0, 3)))
 
     def __len__(self) -> int:
@@ -205,8 +206,8 @@ class Contacts(Record):
     def append(self, other: Contacts) -> Contacts:
         """Return these contacts followed by `other`.
 
-        Forces, times and fingers are kept only if both have them; noise that one of both lacks is
-        unknown for its contacts.
+        Forces, times and fingers are kept only if both have them; noise that one of the two lacks
+        is unknown for its contacts.
         """
         kept, empty = (self, other) if len(self) else (other, self)
         if not len(empty) and not len(empty.free_points):

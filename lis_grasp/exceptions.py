@@ -49,7 +49,7 @@ def nearest_of(value: object, choices: Iterable[str]) -> str:
 
 
 def nearest_or_all(value: object, choices: Iterable[str]) -> str:
-    """Return the end of a message as of `nearest_of`, or else with all choices."""
+    """Return the end of a message as in `nearest_of`, or else with all choices."""
     names = sorted(set(choices))
     return nearest_of(value, names) or f": it has {', '.join(names)}"
 
@@ -178,11 +178,14 @@ class InvalidFileError(InvalidInputError):
     ----------
     path
         The file; None if it is none in particular.
+    field
+        Name of the value in it that is wrong, such as ``friction`` or ``grasps[0]``; empty if it is
+        none in particular.
     """
 
-    def __init__(self, message: str, *, path: Path | None = None) -> None:
+    def __init__(self, message: str, *, path: Path | None = None, field: str = "") -> None:
         super().__init__(message)
-        self.path = path
+        self.path, self.field = path, field
 
 
 class EstimationError(LisGraspError):
@@ -190,7 +193,7 @@ class EstimationError(LisGraspError):
 
 
 class TooManyBadContactsError(EstimationError):
-    """Contacts of which more than a quarter contradicts the others.
+    """Contacts more than a quarter of which contradict the others.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ OBJECT = "object"
 
 
 def arm_body(link: str) -> str:
-    """Return the name in `Motion.poses` of a link of an arm: hands have links of the same names."""
+    """Return the name of an arm's link in `Motion.poses`: hands have links of the same names."""
     return f"arm/{link}"
 
 

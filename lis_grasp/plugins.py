@@ -35,12 +35,12 @@ _GROUPS = {
 
 @dataclass(frozen=True, slots=True)
 class Registry:
-    """Names of one role and what they stand for.
+    """Names of one role, and the object that each stands for.
 
     Parameters
     ----------
     role
-        What is plugged in.
+        Kind of object that is plugged in.
     builtin
         The package's own by name. These names cannot be taken by plug-ins.
     """
@@ -54,7 +54,7 @@ class Registry:
         return (*self.builtin, *(name for name in self._registered() if name not in self.builtin))
 
     def find(self, name: str, *, option: str = "") -> Any:
-        """Return what a name stands for, imported if it is not the package's own.
+        """Return the object that a name stands for, imported if it is not the package's own.
 
         Parameters
         ----------
@@ -83,7 +83,7 @@ class Registry:
     def digest(self, name: str) -> str:
         """Return a hash of the source file of a plug-in, by which stored results are recognised.
 
-        Empty for the package's own, and where there is no source file. Errors as of `find`.
+        Empty for the package's own, and where there is no source file. For errors see `find`.
         """
         file = self.source_file(name)
         return "" if file is None else digest_of(file)
@@ -131,7 +131,7 @@ class Guarded:
     plugin
         The surface or policy.
     kinds
-        Types of what methods return, by their names; other methods are not checked.
+        Return types of methods by name; other methods are not checked.
     """
 
     name: str

@@ -1,8 +1,10 @@
-"""Settings of every test run: threads of linear algebra, and the marker of a folder."""
+"""Settings of every test run: threads of linear algebra, the marker of a folder, the smoke run."""
 
 from __future__ import annotations
 
 import os
+from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,9 +15,29 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 _STUDIES = Path(__file__).parent / "studies"
+_SMOKE_STEP = 20  # About 300 cases; the first of each file enters every folder.
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--smoke",
+        action="store_true",
+        help=f"run the first selected case of each file, and every {_SMOKE_STEP}th after it",
+    )
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection_modifyitems(
+    config: pytest.Config, items: list[pytest.Item]
+) -> Iterator[None]:
     for item in items:
         if _STUDIES in item.path.parents:
             item.add_marker(pytest.mark.experiments)
+    yield  # `-m` and `-k` select
+    if config.getoption("smoke"):
+        cases: dict[Path, list[pytest.Item]] = defaultdict(list)
+        for item in items:
+            cases[item.path].append(item)
+        kept = {item for of_file in cases.values() for item in of_file[::_SMOKE_STEP]}
+        config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+        items[:] = [item for item in items if item in kept]

@@ -79,7 +79,7 @@ def test_points_in_place_of_normals_are_answered() -> None:
     points = np.array([[0.03, 0.0, 0.0], [0.0, 0.0, 0.04]])
     normals = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     for swapped, cure in ((normals, "exchange them"), (2.0 * normals, "divide each")):
-        with pytest.raises(InvalidContactsError, match=f"normals must .* length .*: {cure}"):
+        with pytest.raises(InvalidContactsError, match=cure):
             Contacts(swapped, points)
 
 
@@ -433,7 +433,7 @@ def test_names_of_fingers_come_back_whatever_they_contain(
 @pytest.mark.parametrize("name", ["a\nb", "a\r", " a", "a\t"])
 def test_names_of_fingers_that_a_csv_would_change_are_refused(tmp_path: Path, name: str) -> None:
     contacts = Contacts(np.eye(3), np.eye(3), fingers=(name, name, name))
-    with pytest.raises(InvalidFileError, match="names of fingers"):
+    with pytest.raises(InvalidFileError):
         contacts.save(tmp_path / "a.csv")
     contacts.save(tmp_path / "a.ply")
     assert Contacts.load(tmp_path / "a.ply").fingers == contacts.fingers
@@ -441,8 +441,9 @@ def test_names_of_fingers_that_a_csv_would_change_are_refused(tmp_path: Path, na
 
 def test_a_binary_file_is_not_a_csv(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_bytes(b"\xff\xfe\x00rubbish")
-    with pytest.raises(InvalidFileError, match="UTF-8"):
+    with pytest.raises(InvalidFileError) as error:
         Contacts.load(tmp_path / "a.csv")
+    assert error.value.path == tmp_path / "a.csv"
 
 
 def test_a_saved_csv_is_a_plain_table(tmp_path: Path) -> None:

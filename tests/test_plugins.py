@@ -13,7 +13,12 @@ import pytest
 
 from lis_grasp import Contacts, Hand, pipeline, shapes
 from lis_grasp.cli.main import main
-from lis_grasp.exceptions import InvalidHandError, InvalidOptionError, LisGraspError, PluginError
+from lis_grasp.exceptions import (
+    InvalidContactsError,
+    InvalidHandError,
+    InvalidOptionError,
+    PluginError,
+)
 from lis_grasp.exploration.policy import POLICY_NAMES
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.robots.hand_check import check_hand
@@ -161,9 +166,9 @@ def test_a_mistake_is_one_sentence(
 
 
 def test_a_mistyped_policy_or_hand_names_the_nearest() -> None:
-    with pytest.raises(InvalidOptionError, match="did you mean 'frontier'"):
+    with pytest.raises(InvalidOptionError, match="'frontier'"):
         pipeline.RunConfig(policy="fronteer")
-    with pytest.raises(InvalidHandError, match="did you mean 'allegro'"):
+    with pytest.raises(InvalidHandError, match="'allegro'"):
         Hand.load("alegro")
 
 
@@ -227,16 +232,18 @@ def own_policies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[No
 
 @pytest.mark.usefixtures("own_policies")
 @pytest.mark.parametrize(
-    ("name", "text", "cause"),
+    ("name", "place", "cause"),
     [
-        ("RoundRobin", "raised InvalidContactsError at mypol.py:7: bounds need", LisGraspError),
-        ("Typo", "raised TypeError at mypol.py:12: object of type 'int' has", TypeError),
-        ("Early", "raised ValueError at mypol.py:22: too early", ValueError),
+        ("RoundRobin", "mypol.py:7", InvalidContactsError),
+        ("Typo", "mypol.py:12", TypeError),
+        ("Early", "mypol.py:22", ValueError),
     ],
 )
-def test_an_error_of_a_policy_names_its_place(name: str, text: str, cause: type[Exception]) -> None:
+def test_an_error_of_a_policy_names_its_place(
+    name: str, place: str, cause: type[Exception]
+) -> None:
     config = pipeline.RunConfig(prober="kinematic", policy=f"mypol:{name}", touches=2)
-    with pytest.raises(PluginError, match=f"^mypol:{name} {text}") as error:
+    with pytest.raises(PluginError, match=place) as error:
         pipeline.touch(pipeline.Scenario.from_config(config))
     assert isinstance(error.value.__cause__, cause)
     assert error.value.plugin == f"mypol:{name}"
@@ -245,12 +252,15 @@ def test_an_error_of_a_policy_names_its_place(name: str, text: str, cause: type[
 @pytest.mark.usefixtures("own_policies")
 def test_a_policy_returns_a_probe_and_a_surface_that_fails_later_is_named() -> None:
     config = pipeline.RunConfig(prober="kinematic", policy="mypol:NoProbe", touches=2)
-    with pytest.raises(InvalidOptionError, match="must return a Probe or None; it returned str"):
+    with pytest.raises(InvalidOptionError) as error:
         pipeline.touch(pipeline.Scenario.from_config(config))
+    assert error.value.value == "mypol:NoProbe"
     axes = np.vstack([np.eye(3), -np.eye(3)])
     surface = find_estimator("mypol:Wavy")(Contacts(0.03 * axes, axes))
-    with pytest.raises(PluginError, match="^mypol:Wavy raised ValueError at mypol.py:34: too wavy"):
+    with pytest.raises(PluginError) as error:
         surface.evaluate(axes)
+    assert error.value.plugin == "mypol:Wavy"
+    assert isinstance(error.value.__cause__, ValueError)
 
 
 def test_an_error_of_a_hand_names_its_place(
@@ -263,6 +273,6 @@ def test_an_error_of_a_hand_names_its_place(
     (info / "entry_points.txt").write_text("[lis_grasp.hands]\nmy_jaw = myhand:jaw\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(PluginError, match="^my_jaw raised OSError at myhand.py:2: no file"):
+    with pytest.raises(PluginError, match="myhand.py:2"):
         Hand.load("my_jaw")
     sys.modules.pop("myhand")

@@ -87,8 +87,9 @@ def test_numbers_of_the_readme_are_those_of_the_rows(tmp_path: Path) -> None:
 
 def test_a_field_that_no_row_fills_is_named(tmp_path: Path) -> None:
     template = tmp_path / "page"
-    fields = ["{grasps[nobody]:.0f}", "{lies_errors[objects]}", "{tables[lies.lies]:nothing}"]
-    for field in (*fields, "{state.nothing}", "{grasps:>9}", "{nothing", "{}"):
+    fields = ["{grasps[nobody]:.0f}", "{tables[lies.lies]:nothing}", "{state.nothing}"]
+    for field in (*fields, "{nothing"):
         template.write_text(field)
-        with pytest.raises(InvalidFileError, match=r"nobody|lies_errors|nothing|[Ff]ormat|\}"):
+        with pytest.raises(InvalidFileError) as error:
             _filled(template)
+        assert error.value.path == template

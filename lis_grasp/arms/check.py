@@ -29,7 +29,7 @@ _ROUNDING = 1e-6  # of a length [m]
 
 
 def check_arm(arm: Arm, hand: Hand) -> list[Finding]:
-    """Return the findings on an arm with a hand, in the order in which to fix what failed.
+    """Return the findings on an arm with a hand, in the order in which to fix failures.
 
     The base is chosen for its reach.
     """

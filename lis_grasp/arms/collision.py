@@ -26,11 +26,11 @@ HAND_CLEARANCE = 0.0003
 class StationChecker:
     """Checks postures of an arm with a hand for collisions.
 
-    Many postures are checked at once by balls that cover the links; what they do not show to be
-    free is checked by FCL. Checked are the arm's links with each other, with the hand, with the
-    table, its obstacles and the object, and the hand with these too; not the hand with itself.
-    The object is a closed mesh in W [m], true or estimated. Arm and hand keep off it by a margin
-    [m], the hand off the table too. With `arm_only` the hand may touch both, as at a grasp.
+    Many postures are checked at once by balls that cover the links; FCL checks the postures that
+    the balls do not show to be free. The arm's links are checked with each other, with the hand,
+    with the table, its obstacles and the object; the hand with the last three too, but not with
+    itself. The object is a closed mesh in W [m], true or estimated. Arm and hand keep off it by a
+    margin [m], the hand off the table too. With `arm_only` the hand may touch both, as at a grasp.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class StationChecker:
             )
 
     def free(self, q: FloatArray, q_hand: FloatArray) -> BoolArray:
-        """Return which postures of the arm, (N, J), collide with nothing, shape (N,).
+        """Return which postures of the arm, (N, J), are free of collisions, shape (N,).
 
         `q_hand` (K,) or (N, K) are the hand's joint positions.
         """
@@ -92,7 +92,7 @@ class StationChecker:
         return self._hit(poses[0], self._near(centers)[0], self._pairs.may_touch(centers)[0])
 
     def travel(self, q: FloatArray, q_hand: FloatArray) -> float:
-        """Return the longest way of a point of arm or hand along postures (N, J) [m].
+        """Return the longest path of any point of arm or hand along postures (N, J) [m].
 
         It is measured from posture to posture.
         """

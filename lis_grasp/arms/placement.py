@@ -42,7 +42,7 @@ def choose_base(arm: Arm, hand: Hand, *, table: Table | None = None) -> Station:
 def best_bases(arm: Arm, hand: Hand, *, table: Table | None = None) -> list[Station]:
     """Return the stations of all base poses that are tried, the one with the most reach first.
 
-    Arguments are as of `choose_base`.
+    For arguments see `choose_base`.
     """
     table = Table() if table is None else table
     start = Station.make(arm, hand, _base(table, 0.0, 0.0), table=table)
@@ -128,7 +128,7 @@ def _base(table: Table, distance: float, pedestal: float) -> FloatArray:
 
 
 def home_of(station: Station) -> FloatArray:
-    """Return the arm's home (J,) if the hand is high and free there, else a posture that is.
+    """Return the arm's home (J,) if the hand is high and free there, else another such posture.
 
     It is free in every pregrasp and probe posture of the hand. Such a posture has the hand pointing
     down, or obliquely, above the middle of the table.

@@ -25,7 +25,7 @@ SEEDS, KEPT = 4, 2
 """Seeds of the inverse kinematics of a pose, and its solutions that are tried."""
 
 _SAME = 0.1  # solutions with joints this near are one [rad or m]
-_FAR = 0.1  # worth of being near home, of that of being off the joint limits [1]
+_FAR = 0.1  # worth of being near home, relative to being off the joint limits [1]
 _CHECKED = 2  # of the poses along a straight motion, every second is checked for collisions
 
 # Points (P, 3) -> which are inside of what is known, (P,).
@@ -82,12 +82,12 @@ class ReachFilter:
     """Finds which grasps an arm can carry out, and how.
 
     A grasp is kept if the arm reaches it, approaches it and lifts from it straight, within joint
-    limits and on one branch, and collides with nothing on the way. Each of the others has a reason:
+    limits and on one branch, and collides with nothing on the way. Every other grasp gets a reason:
 
     - ``out_of_arm_reach``: no joint positions;
     - ``no_straight_arm_motion``: a joint limit or a jump ends the approach or the lift;
     - ``arm_hits_object``, ``_table``, ``_obstacle``, ``_self``: a link of the arm collides on the
-      way. The hand's contacts with these are left to the filter of grasp candidates.
+      way. The filter of grasp candidates checks the hand's contacts with these.
 
     The object is the closed mesh of its estimate in W [m]; None for none.
     """
@@ -145,8 +145,9 @@ def best_solutions(
 ) -> tuple[IndexArray, FloatArray]:
     """Return up to `kept` different solutions of each target, the best first.
 
-    Those off the joint limits and near the arm's home are better: they are on its branch. They are
-    M in all: the index of the target (M,), in order, and joint positions (M, J).
+    Solutions off the joint limits and near the arm's home are better: they are on its branch.
+    Returns, of M solutions in all, the index of the target (M,), in order, and joint positions (M,
+    J).
     """
     arm = station.arm
     targets: list[int] = []
@@ -185,7 +186,7 @@ class ProbeReach:
     """Finds which poses of the hand at the start of a probe an arm can carry out, and how.
 
     The arm has to follow the straight approach and the guarded motion within joint limits, and to
-    collide with neither table, nor itself, nor what is known of the object.
+    collide neither with the table, nor with itself, nor with the known object.
     """
 
     def __init__(self, station: MountedHand) -> None:

@@ -199,8 +199,8 @@ def plan_transit(
 ) -> tuple[ArmGrasp, JointTrajectory] | str:
     """Return the straight paths of a grasp, and the motion from home to where they begin.
 
-    Or the reason that there are none. Arguments are as of `plan_grasp_motion`; the motion has a
-    point each `step` [s].
+    Returns the reason instead if there are none. For arguments see `plan_grasp_motion`; the motion
+    has a point each `step` [s].
     """
     q_open = grasp.pregrasp_positions
     (straight,) = ReachFilter(station, mesh).plan(

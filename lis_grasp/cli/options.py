@@ -42,7 +42,7 @@ def add_options(
 ) -> None:
     """Add options of a `Task` by their names; omitted ones parse as None.
 
-    With `recorded` they are those of a verb that reads a file with recorded facts.
+    With `recorded` they are for a verb that reads a file with recorded facts.
     """
     used = {title: [n for n in names if _OPTIONS[n].group == title] for title in GROUPS}
     grouped = sum(map(bool, used.values())) > 1

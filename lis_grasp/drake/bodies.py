@@ -40,7 +40,7 @@ def add_hand(
 
     Links get compliant skin and visuals, do not collide with each other, and bear no weight. Joints
     get motors with implicit PD control: connect
-    ``plant.get_desired_state_input_port(hand.instance)``. Frame G is that of the base link's body;
+    ``plant.get_desired_state_input_port(hand.instance)``. G is the frame of the base link's body;
     it floats unless there is a `parent`.
 
     Parameters
@@ -58,7 +58,7 @@ def add_hand(
         A frame to which G is welded, and the pose of G in it; None for the identity.
     gains
         Stiffness and damping of the joints, each (J,) [N m/rad, N m s/rad; or N/m, N s/m]; None for
-        those of probing.
+        the gains of probing.
     friction
         Coulomb's coefficient of every link.
     modulus

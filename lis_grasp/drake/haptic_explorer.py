@@ -46,7 +46,7 @@ from lis_grasp.stages.touch import make_policy
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
-# Probes without a way are passed over, so many in one update.
+# Largest number of probes without a way that one update skips.
 _PASSED_OVER = 20
 
 
@@ -74,8 +74,8 @@ class HapticExplorer(LeafSystem):
         contacts, estimate -> HapticExplorer -> X_WG, joint_state, arm_state, listening, done,
                                                 exploration
 
-    ``contacts`` are those of a `TouchSensor`, ``estimate`` is that of a `SurfaceEstimator` of the
-    same contacts. ``X_WG`` is the desired pose of the hand's base link, continuous in time.
+    ``contacts`` come from a `TouchSensor`, ``estimate`` from a `SurfaceEstimator` of the same
+    contacts. ``X_WG`` is the desired pose of the hand's base link, continuous in time.
     ``joint_state`` (2J,) has desired positions and rates in the order of the hand's actuators, for
     ``plant.get_desired_state_input_port(hand.instance)``. ``listening`` is 1 on approach and probe;
     connect it to the sensor's ``enable``. ``done`` is 1 at the end, and ``exploration`` is the
@@ -93,7 +93,7 @@ class HapticExplorer(LeafSystem):
     home
         Pose X_WG at which the hand begins; needed without a station.
     q_home
-        Joint positions (J,) at which the hand begins; None for those of a probe posture.
+        Joint positions (J,) at which the hand begins; None for a probe posture.
     policy
         Name of a policy, or a function of a `Workspace` that makes one.
     touches

@@ -1,4 +1,4 @@
-"""Quality on the true object of a grasp planned on an estimate."""
+"""Quality of a grasp on the true object, after planning on an estimate."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ def epsilon_on_truth(grasp: Grasp, truth: trimesh.Trimesh, hand: Hand, *, fricti
 
     Each finger moves along the line of its planned contact normal until it meets the true surface
     (the crossing nearest to the planned contact); where the line misses the object, the contact is
-    lost. Origin, length scale and contact model are those of `epsilon_on`, on the true object,
-    which is watertight and in O [m]. The result is 0 where fewer than two fingers meet it.
+    lost. Origin, length scale and contact model are as in `epsilon_on`, on the true object, which
+    is watertight and in O [m]. The result is 0 where fewer than two fingers meet it.
     """
     points, normals = true_contacts(grasp, truth)
     if len(points) < 2:

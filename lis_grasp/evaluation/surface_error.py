@@ -53,15 +53,15 @@ class SurfaceError(Record):
     chamfer
         Mean of the two mean distances, estimate -> truth and truth -> estimate [m].
     f_score_1mm, f_score_2mm, f_score_5mm
-        Harmonic mean of precision (fraction of the estimate within so many millimetres of the
-        truth) and recall (fraction of the truth as near to the estimate), from 0 to 1 (Knapitsch,
-        Park, Zhou and Koltun 2017).
+        Harmonic mean of precision (fraction of the estimate within 1, 2 or 5 mm of the truth) and
+        recall (fraction of the truth as near to the estimate), from 0 to 1 (Knapitsch, Park, Zhou
+        and Koltun 2017).
     iou
-        Volume of the intersection over that of the union, from 0 to 1. It covers everything,
-        explored or not: where nothing was touched the bounds close the estimate. None if
-        either is not closed.
+        Volume of the intersection divided by the volume of the union, from 0 to 1. It covers
+        everything, explored or not: where nothing was touched the bounds close the estimate. None
+        if either is not closed.
     normal_error
-        Mean angle between the estimate's normals and those of the nearest true points [rad]; at a
+        Mean angle between the normals of the estimate and of the nearest true points [rad]; at a
         true edge, the normal of either side.
     coverage
         Explored part of the true area, from 0 to 1.
@@ -115,11 +115,11 @@ def surface_error(
         If the radius or the number of samples is not above 0, or one of the contacts and the radius
         is given without the other.
     InvalidMeshError
-        If one of both is no mesh, or its size fits no object of a hand in metres.
+        If either is no mesh, or its size fits no object of a hand in metres.
     InvalidContactsError
         If no part of the true surface is within the radius of a contact.
     EstimationError
-        If no part of the estimate is.
+        If no part of the estimate is within the radius of a contact.
 
     Examples
     --------
@@ -156,7 +156,8 @@ def surface_error(
     if not covered.any():
         raise InvalidContactsError(
             f"some contact must be within {explored_radius:g} m of the true surface; none of"
-            f" {len(contacts or ())} is: check that both are in the same frame and in metres"
+            f" {len(contacts or ())} is: check that both are in the same frame and in metres",
+            field="points",
         )
     if not compared.any():
         raise EstimationError(

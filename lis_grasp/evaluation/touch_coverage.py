@@ -1,4 +1,4 @@
-"""Coverage of surfaces by touches: of the true surface that a fingertip can reach, and others."""
+"""Coverage of any surface by touches, and of the true surface that a fingertip can reach."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _FITS = 0.98
 def touch_radius(mesh: trimesh.Trimesh) -> float:
     """Return the distance [m] up to which a touch covers the surface of an object.
 
-    A quarter of the diameter of the ball of the same area: 40 touches can cover any object twice,
-    long or compact, as they cover the ball.
+    A quarter of the diameter of the ball of equal area: 40 touches can cover any object twice, long
+    or compact, as they cover the ball.
     """
     return STEP_FRACTION * float(np.sqrt(mesh.area / np.pi))
 
@@ -51,11 +51,11 @@ def reachable_coverage(
 ) -> float | None:
     """Return the fraction of the reachable true area, 0 to 1, within a radius of a contact.
 
-    Reachable is a point at which a ball as large as the fingertip touches the object from outside,
-    without crossing it or the table. Whether the rest of the hand fits is not asked. The true
-    object is closed and outward, in O [m], as are contacts and the height of a table. Contacts
-    count on a point's side within a `radius` [m], mostly `touch_radius`. None if no point is
-    reachable. Raises `InvalidOptionError` if a radius is not positive.
+    A point is reachable if a ball as large as the fingertip touches the object there from outside,
+    without crossing it or the table. The rest of the hand is not considered. The true object is
+    closed and outward, in O [m], as are contacts and the height of a table. Contacts count on a
+    point's side within a `radius` [m], mostly `touch_radius`. None if no point is reachable. Raises
+    `InvalidOptionError` if a radius is not positive.
     """
     require_positive(tip_radius=tip_radius, radius=radius)
     points, normals = _sampled(mesh)

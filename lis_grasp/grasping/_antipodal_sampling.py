@@ -1,4 +1,4 @@
-"""Antipodal sampling of contact sets: the thumb's contact opposite to those of the fingers."""
+"""Antipodal sampling of contact sets: the thumb's contact opposite to the fingers' contacts."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class CandidateFilter:
     - ``lift_hits_obstacle``: a collision on the straight lift;
     - with a `reach`, the reasons of its check.
 
-    Arguments are as of `HandCollisionChecker`. `reach` is that of the arm that carries the hand.
+    For arguments see `HandCollisionChecker`. `reach` is the reach of the arm that carries the hand.
     """
 
     def __init__(

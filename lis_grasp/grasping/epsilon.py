@@ -93,9 +93,9 @@ def epsilon_by_convex_hull(
 def epsilon_by_expanding_polytope(
     points: npt.ArrayLike, normals: npt.ArrayLike, model: WrenchModel, *, tolerance: float = 0.0
 ) -> FloatArray:
-    """Return epsilon of many grasps at once, several times as fast as one hull after the other.
+    """Return epsilon of many grasps at once, several times faster than hull by hull.
 
-    The result is within some millionths of `epsilon_by_convex_hull`; below 0.0001 it may be 0.
+    The result differs from `epsilon_by_convex_hull` by some millionths; below 0.0001 it may be 0.
 
     Parameters
     ----------

@@ -88,7 +88,7 @@ def save_moveit_grasps(
     name: str = "object",
     X_FB: FloatArray | None = None,
 ) -> None:
-    """Write `moveit_grasps` to a YAML file; the other arguments are those."""
+    """Write grasps to a YAML file, with the arguments of `moveit_grasps`."""
     grasps = moveit_grasps(search, hand, name=name, X_FB=X_FB)
     with whole_file(Path(path)) as temporary:
         text = yaml.safe_dump(grasps, sort_keys=False, default_flow_style=None)
@@ -190,7 +190,7 @@ def servo_postures(hand: Hand, grasp: Grasp, support_height: float) -> ServoPost
 def squeeze_posture(hand: Hand, grasp: Grasp) -> FloatArray:
     """Return the joint positions (J,) at which servos exert a grasp's planned contact forces.
 
-    Those of the grasp, and `grip_efforts` by the servos' stiffness.
+    They are the grasp's positions plus `grip_efforts` divided by the servos' stiffness.
     """
     return grasp.joint_positions + servo_efforts(hand, grip_efforts(hand, grasp))
 

@@ -31,7 +31,7 @@ def is_force_closure(
     Equivalent to: their wrenches span all six dimensions, and zero is a combination of them with
     strictly positive weights (Murray, Li and Sastry 1994, proposition 5.3).
 
-    Arguments and errors are those of `epsilon_quality`.
+    For arguments and errors see `epsilon_quality`.
 
     Examples
     --------
@@ -97,8 +97,8 @@ def resisted_forces(
     """Return `resisted_force` of many grasps, contacts (B, C, 3), by one linear programme; (B,).
 
     Each grasp is a block of it, with ``sum a <= 1``, which allows ``s = 0``. A largest ``s > 0``
-    has ``sum a = 1``, as it grows with the weights. Where the solver fails grasps are solved one by
-    one, and those on which it fails again resist zero.
+    has ``sum a = 1``, as it grows with the weights. Where the solver fails, grasps are solved one
+    by one; a grasp on which it fails again resists zero.
     """
     wrenches = replace(model, length_scale=None).wrenches(points, normals)  # (B, C, K, 6)
     count = len(wrenches)

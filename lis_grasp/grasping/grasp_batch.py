@@ -70,7 +70,7 @@ class GraspBatch:
         return GraspBatch(**arrays, quality={name: v[index] for name, v in self.quality.items()})
 
     def joined(self, other: GraspBatch) -> GraspBatch:
-        """Return these grasps and then others, which have the same arrays and qualities."""
+        """Return these grasps followed by others, which have the same arrays and qualities."""
         others = other._arrays()
         return GraspBatch(
             **{name: np.concatenate([a, others[name]]) for name, a in self._arrays().items()},
@@ -92,10 +92,10 @@ class GraspBatch:
 
 
 def fill_unused(values: FloatArray, used: BoolArray) -> FloatArray:
-    """Return the values (B, F, 3) of pads, those of unused pads replaced by the first used one's.
+    """Return the values (B, F, 3) of pads; unused pads get the values of the first used one.
 
-    Contacts that occur twice change no hull of wrenches: so grasps by any number of the pads have
-    arrays of one shape.
+    Repeated contacts do not change a hull of wrenches, so grasps by any number of pads have arrays
+    of one shape.
     """
     first = values[np.arange(len(used)), used.argmax(axis=1)]
     return np.where(used[..., None], values, first[:, None])

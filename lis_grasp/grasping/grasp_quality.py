@@ -79,7 +79,7 @@ class GraspScorer:
     - ``clearance``: the distance of the links that are no fingertips from the surface [m].
     - ``pad_error``: the largest distance of a pad from its contact [m].
 
-    `score` computes those that ranking depends on, at the median friction of the prior and roughly:
+    `score` estimates the qualities that ranking depends on, at the median friction of the prior:
     epsilon may be too small by 5 %, and four hands are displaced. Its ``epsilon`` is only a lower
     bound, above zero. `predict_success` computes all but ``grip`` precisely, and averages the
     success probability over the distributions of mass and friction. `plan_forces` makes grasps, and
@@ -120,7 +120,7 @@ class GraspScorer:
     ) -> tuple[IndexArray, GraspBatch]:
         """Return the indices of the candidates in force closure, and these with their qualities.
 
-        With `least_success` (B,), those of a smaller success probability may be rejected.
+        With `least_success` (B,), candidates of a smaller success probability may be rejected.
         """
         median = self._median
         (robust,) = self._epsilons(batch, (median.robust,), _RANKED.epsilon)
@@ -154,7 +154,7 @@ class GraspScorer:
     def predict_success(self, batch: GraspBatch) -> GraspBatch:
         """Return grasps with precise qualities and the success probability over the whole prior.
 
-        Qualities other than the success probability are those at the medians.
+        Qualities other than the success probability are computed at the medians.
         """
         if not len(batch):
             return batch
@@ -312,8 +312,8 @@ def load_probability(
 def shape_probability(load_expected: npt.ArrayLike, model: WrenchModel) -> FloatArray:
     """Return the predicted probability that a grasp holds an object of hardly any weight.
 
-    It depends on the surface and what is known of it: the quality ``load_expected``. It is never 1:
-    the lifts of the fit do not show every reason for which an object is lost.
+    It depends on the surface and on its uncertainty: the quality ``load_expected``. It is never 1:
+    the lifts of the fit do not show every reason for losing an object.
     """
     shape, offset = SUCCESS_MODEL["shape"][model.contact_model], SUCCESS_MODEL["offsets"]
     logs = np.log(np.asarray(load_expected) + offset["load_expected"])

@@ -32,8 +32,7 @@ def grip_fraction(
     """Return the largest fraction, at most 1, of contact forces that a hand can exert.
 
     Joint efforts are ``tau = J^T f`` with the Jacobian J of the pads' centres: a force along the
-    normal of a round pad passes through its centre. No effort exceeds 0.9 of its limit, and no
-    normal force the hand's largest contact force if the forces are scaled so already.
+    normal of a round pad passes through its centre. No effort exceeds 0.9 of its limit.
 
     The palm is at `X_OH` (4, 4) with joint positions `q` (J,) [rad or m]; `fingers` exert `forces`
     (C, 3) [N] on the object, in O.
@@ -53,8 +52,8 @@ def largest_forces(
 
     No joint effort exceeds 0.9 of its limit, and no normal part of a force is larger than
     `hand.max_contact_force`. Fingers that one motor moves share its effort evenly. Efforts are
-    those of a force at the centre of the pad; on a rounded pad, at planned contacts, this makes the
-    factors up to 6 % too large or 3 % too small.
+    computed for a force at the centre of the pad; on a rounded pad, at planned contacts, this makes
+    the factors up to 6 % too large or 3 % too small.
 
     Palm poses (B, 4, 4) in O, joint positions (B, J) [rad or m], the pads `used` (B, F), and forces
     (B, F, K, 3) in O of unit normal part give factors (B, F, K) [N], 0 without a contact.
@@ -110,8 +109,8 @@ def largest_wrenches(
 ) -> FloatArray:
     """Return the largest wrenches that fingers exert at contacts (B, F, 3), shape (B, F, K, 6).
 
-    They are the model's primitive wrenches and those of the normal forces, times `largest_forces`;
-    X_OH, q and used are as there.
+    They are the wrenches of the model's primitive forces and of the normal forces, times
+    `largest_forces`, which explains X_OH, q and used.
     """
     push = WrenchModel(
         0.0, "frictionless", origin=model.origin, torque_metric=model.torque_metric
@@ -125,7 +124,8 @@ def least_pinched_height(hand: Hand, friction: float) -> float:
 
     A ball of radius r on the support touches an object of height h < r from above, at an elevation
     whose sine is ``1 - h / r`` or more. At half the friction, all such contacts together push the
-    object down if its tangent exceeds ``friction / 2``. 0 for flat pads, which reach the support.
+    object down if its tangent exceeds ``friction / 2``. The height is 0 for flat pads, which reach
+    the support.
     """
     radius = min(pad.radius for pad in hand.pads)
     return float(radius * (1.0 - np.sin(np.arctan(ROBUST_FRACTION * friction))))
@@ -134,8 +134,8 @@ def least_pinched_height(hand: Hand, friction: float) -> float:
 def narrowest_width(mesh: trimesh.Trimesh) -> float:
     """Return the least distance between two parallel planes with the mesh in between [m].
 
-    Over the facets of its convex hull: the width of a convex polyhedron is that of a facet, or of
-    two edges (Houle and Toussaint 1988), which are left out. So this is an upper bound.
+    The least over the facets of its convex hull. The width of a convex polyhedron is that of a
+    facet, or of two edges (Houle and Toussaint 1988), which are left out: this is an upper bound.
     """
     hull = ConvexHull(mesh.vertices)
     corners = hull.points[hull.vertices]

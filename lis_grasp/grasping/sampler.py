@@ -39,7 +39,7 @@ _ENOUGH, _LIKELY = 3, 0.5
 _SMALLEST_BATCH, _LARGEST_BATCH, _SETS_PER_GRASP = 50, 300, 4
 # Standard deviation of the distance between a link and the surface where both are planned [m].
 _LINK_ERROR = 0.002
-# Refinement: standard deviations of the steps [m]; perturbed grasps, of which the best are tried.
+# Refinement: standard deviations of the steps [m]; perturbed grasps, the best of which are tried.
 _STEPS = (0.01, 0.01, 0.005, 0.005, 0.0025)
 _PERTURBATIONS, _TRIED = 8, 2
 # Least cosine between the normals of a contact before and after a step: no finger goes from the
@@ -57,7 +57,8 @@ class ForceClosureSampler:
     prior
         What is known of the object's mass and friction; None for `load`.
     candidates
-        Largest number of sampled contact sets, as many again with bends, and as last resorts.
+        Largest number of sampled contact sets; the same number again with bends, and as last
+        resorts.
     station
         The `Station` of an arm, in whose reach grasps have to be; None for a free hand.
     obstacles
@@ -183,7 +184,7 @@ class _Search:
         return 0 if self.grasps is None else len(self.grasps)
 
     def draw_enough(self, candidates: int, count: int) -> None:
-        """Sample until `candidates` are sampled, or enough more close at half the friction."""
+        """Sample until there are `candidates`, or enough in force closure at half the friction."""
         before = len(self)
         while self.drawn < candidates:
             robust = 0

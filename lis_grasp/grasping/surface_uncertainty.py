@@ -37,8 +37,9 @@ class UncertainSurface:
     The field is ``s g``: the estimate's own standard deviation s, which grows with the distance
     from a touch, times a field g of unit deviation and squared-exponential correlation. Errors of
     normals are its slope, ``s grad g + g grad s``. The slope of g has the deviation 1 over the
-    correlation length. Slopes of different contacts are drawn independently, and so of heights at
-    others: an approximation for contacts that are nearer to each other than two of these lengths.
+    correlation length. Slopes of different contacts are drawn independently of each other and of
+    the heights: an approximation for contacts that are nearer to each other than two of these
+    lengths.
     """
 
     vertices: cKDTree  # of V points [m]
@@ -84,14 +85,14 @@ class UncertainSurface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PadContacts:
-    """Contacts that the pads of a displaced hand really make on an uncertain surface.
+    """Contacts that the pads of a displaced hand make on an uncertain surface.
 
     Palm and fingertips are off by a robot's errors, normal with `PALM_ERROR` and
     `FINGERTIP_ERROR` in each coordinate. Each pad closes along its planned normal until it touches
     the mesh; a pad that misses it makes no contact. A rounded pad is a ball: on an edge it gets the
-    normal that ball and edge have there. A flat pad touches with the nearest of its points; where
-    the surface is steeper than its half angle, as on an edge, the normal is that of the pad. Then
-    the contacts move with the surface's uncertainty.
+    common normal of ball and edge. A flat pad touches with the nearest of its points; where the
+    surface is steeper than its half angle, as on an edge, the normal is the pad's. Then the
+    contacts move with the surface's uncertainty.
     """
 
     hand: Hand

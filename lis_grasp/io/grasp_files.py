@@ -71,7 +71,8 @@ def read_grasp_file(path: Path, grasp: Callable[..., Any]) -> dict[str, Any]:
     try:
         grasps = tuple(grasp(**_fields(entry)) for entry in content.grasps)
     except InvalidOptionError as error:
-        raise InvalidFileError(f"{path} has no valid grasps: {error}", path=path) from None
+        message = f"{path} has no valid grasps: {error}"
+        raise InvalidFileError(message, path=path, field=error.option) from None
     return {"grasps": grasps, "rejections": content.rejections, "candidates": content.candidates}
 
 

@@ -110,7 +110,7 @@ class FingerControl:
         )
 
     def touches_fixed_jaw(self) -> bool:
-        """Return whether every finger of the grasp that no joint moves touches the object."""
+        """Return whether every fixed finger of the grasp touches the object."""
         measured = self._contacts_by_finger()
         fixed = [finger for finger in self._planned_normals if not self._joints[finger]]
         return all(self._strongest(measured.get(finger, [])) is not None for finger in fixed)

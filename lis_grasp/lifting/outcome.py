@@ -56,8 +56,8 @@ class LiftOptions:
     turn_arm: float = 0.65
     shake_frequency: float = 4.0  #: [Hz]
     shake_cycles: int = 2  #: periods along one axis
-    #: the fingers' normal forces add up to so many times what the largest shake needs, by Coulomb's
-    #: law, ``m (g + a) / friction``, or by the load that the planned grasp carries per newton, its
+    #: sum of the fingers' normal forces over what the largest shake needs by Coulomb's law,
+    #: ``m (g + a) / friction``, or by the load that the planned grasp carries per newton, its
     #: quality ``"load_per_grip"``: a robot measures the weight with its wrist
     grip_margin: float = 3.0
     least_grip_force: float = 6.0  #: of that sum [N]; it is limited by efforts and contact force

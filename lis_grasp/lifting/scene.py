@@ -35,7 +35,7 @@ class CarrierMotion:
 class Carrier(Protocol):
     """The carrier of the hand in a lift.
 
-    The defaults are those of a free wrist: without a home, and without limits. An arm has both; its
+    The defaults describe a free wrist: without a home, and without limits. An arm has both; its
     motions, and the scene's steps, raise `ArmStoppedError` where it cannot go on.
     """
 

@@ -157,9 +157,9 @@ def plan_arm_lift(
 def useful_efforts(hand: Hand, q: npt.ArrayLike) -> FloatArray:
     """Return the joints' effort limits (J,) [N m or N], without what no contact force needs.
 
-    Files often give efforts far above those of the real motors. Three times the largest contact
-    force, at the longest lever of a pad about a joint of that kind, is the most that counts. Levers
-    are taken at the joint positions q (J,).
+    Files often give efforts far above the real motors'. Three times the largest contact force, at
+    the longest lever of a pad about a joint of that kind, is the most that counts. Levers are taken
+    at the joint positions q (J,).
     """
     _, _, jacobian, _ = hand.pad_jacobians(np.eye(4), q)  # (F, 3, 6 + J)
     levers = np.linalg.norm(jacobian[:, :, 6:], axis=1).max(axis=0)  # (J,) [m or 1]

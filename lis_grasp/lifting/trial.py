@@ -30,7 +30,8 @@ _WATCHED_RISE = 0.01
 _GRIP_FACTOR = 1.5
 # Commands over which a weight is averaged, and the least mass that is weighed [kg].
 _WEIGHED_STEPS, _LEAST_MASS = 9, 0.005
-# Margin of the grip below which an object is set down that is so many times as heavy as assumed.
+# Least margin of the grip, below which an object is set down that is heavier than assumed by the
+# factor.
 _LEAST_MARGIN, _HEAVIER = 0.55, 1.25
 _SLIP_LIMIT = 0.006
 

@@ -96,7 +96,8 @@ class PalmJacobian(Protocol):
 class PalmPath:
     """Poses and velocities of the palm along a wrist path, about the hand's base link.
 
-    X_WB, shape (4, 4), is the pose of the base link at displacement 0, X_BH that of the palm in it.
+    X_WB, shape (4, 4), is the pose of the base link at displacement 0, X_BH the pose of the palm in
+    it.
     """
 
     def __init__(self, X_WB: FloatArray, X_BH: FloatArray, path: WristPath) -> None:

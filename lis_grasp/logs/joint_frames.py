@@ -39,7 +39,7 @@ def with_link_frames(
     Parameters
     ----------
     log
-        A log with joint states, as of ``/joint_states``, or columns with the joints' names.
+        A log with joint states, such as ``/joint_states``, or columns with the joints' names.
     description
         URDF, SDF or MJCF of the robot. Its meshes are not needed.
     reading
@@ -166,7 +166,7 @@ def _timed(times: FloatArray, X: FloatArray, parent: str, child: str) -> TimedPo
 
 @dataclass(frozen=True, slots=True)
 class _LogWithLinks(RobotLog):
-    """A log with the frames of a robot; poses without a frame are in that of its base."""
+    """A log with the frames of a robot; poses without a frame are in the frame of its base."""
 
     log: RobotLog
     tree: FrameTree

@@ -88,7 +88,7 @@ def place_vertices(
     leaves a cell through the middle of a side is known to this cell alone. (Always clamped, a
     rotated cube loses fifty times more of its edges and its triangles fold over.)
 
-    `cells` (V,) are those of the sheets, `corners` (E, 4) the sheets round each crossing, in turn.
+    `cells` (V,) are the sheets' cells, `corners` (E, 4) the sheets round each crossing, in turn.
     """
     quadrics, means = _gather(len(cells), corners, crossings, grid)
     about_means = quadrics.about(means)
@@ -157,7 +157,7 @@ def _restore_corners(
 def _sums(
     quadrics: Quadrics, candidates: IndexArray, owners: IndexArray, others: IndexArray
 ) -> Quadrics:
-    """Return the sum of each candidate's quadric and those of the others it owns."""
+    """Return the sum of each candidate's quadric and the quadrics of the others that it owns."""
     sums = subset_of(quadrics, candidates)
     for name in ("counts", "matrices", "targets", "rests"):
         np.add.at(getattr(sums, name), owners, getattr(quadrics, name)[others])

@@ -53,8 +53,8 @@ def extract_mesh(
     resolution
         Side of a cell [m]; None takes 1/64 of the largest extent of the bounds.
     touched
-        Positions of the contacts, shape (N, 3) [m]: closed parts that none of them is nearest to
-        are dropped. None judges by uncertainty alone.
+        Positions of the contacts, shape (N, 3) [m]: closed parts that are nearest to no contact are
+        dropped. None judges by uncertainty alone.
 
     Returns
     -------

@@ -58,7 +58,7 @@ def label_file(
 
     Outcomes are added to labels.jsonl as they come. The same call continues from there, unless the
     grasps, the object or an option have changed. At the end grasps.parquet has one row for each
-    grasp. Further arguments and errors are as of `lift_file`.
+    grasp. For further arguments and errors see `lift_file`.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ _JOINT_KINDS: Mapping[str, JointKind] = {
     "prismatic": "prismatic",
     "fixed": "fixed",
 }
-# Of a concave mesh: its convex parts, and the voxels of their search.
+# A concave mesh: largest number of convex parts, and of voxels of their search.
 _MOST_PARTS, _VOXELS = 6, 50_000
 
 _HEAVIEST = 1e6  # [kg] or [kg m^2]
@@ -58,7 +58,7 @@ _SMALLEST_BODY, _LARGEST_BODY = 0.001, 3.0
 
 
 def read_description(path: Path, edits: DescriptionEdits | None = None) -> RobotModel:
-    """Read links, joints, inertias and collision bodies; errors as of `build_model`."""
+    """Read links, joints, inertias and collision bodies; for errors see `build_model`."""
     return build_model(parse_description(path), path, edits)
 
 

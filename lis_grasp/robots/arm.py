@@ -24,7 +24,7 @@ class Arm(RobotModel):
     Frames: A the base link, L a link, F the flange, whose +z points out of it. J joints, from the
     base to the flange. A gripper or anything else beyond the flange is left out.
 
-    The fields of the model are those of a `Hand`.
+    For the fields of the model see `Hand`.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Arm(RobotModel):
 
     @property
     def flange_links(self) -> frozenset[str]:
-        """The last moving link, and the links fixed to it: those that the hand is mounted on."""
+        """The last moving link, and the links fixed to it: the hand is mounted on them."""
         return links_fixed_to(self, self.flange)
 
     @property
@@ -100,7 +100,7 @@ class Arm(RobotModel):
         return link_kinematics(self)
 
     def clipped(self, q: npt.ArrayLike) -> FloatArray:
-        """Return joint positions (..., J), moved to the nearest within the limits."""
+        """Return joint positions (..., J), each moved to the nearest within its limits."""
         return np.clip(np.asarray(q, np.float64), self.lower, self.upper)
 
     def within_limits(self, q: npt.ArrayLike) -> BoolArray:

@@ -79,7 +79,7 @@ class BodyPairs:
             self._objects[body].setTransform(fcl.Transform(X[:3, :3], X[:3, 3]))
 
     def touching(self, candidates: IndexArray) -> Iterator[int]:
-        """Yield those of the pairs with these indices that touch as the bodies are placed."""
+        """Yield the pairs, of these indices, that touch where the bodies are placed."""
         request = fcl.CollisionRequest()
         for pair in candidates:
             i, j = self.pairs[pair]

@@ -53,11 +53,11 @@ class Hand(RobotModel):
     link_geometries
         The collision bodies.
     visuals
-        What the links look like; drawn only.
+        Visual shapes of the links, for drawing only.
     hulls_of_visuals
         Names of the links whose collision bodies are the convex hulls of their visual meshes.
     pads
-        One a finger.
+        One for each finger.
     X_LH
         Shape (4, 4): the palm frame in the base link's.
     approach_H
@@ -65,9 +65,9 @@ class Hand(RobotModel):
     pregrasps
         Opened postures (J,) by name.
     probe_postures
-        By the leading finger's name.
+        Postures (J,) by the leading finger's name.
     self_collision_exclusions
-        Pairs of link names, each pair sorted, that may touch; those joined by a joint are included.
+        Pairs of link names, each pair sorted, that may touch; links joined by a joint are included.
     max_contact_force
         Largest force of one finger [N].
     X_FB
@@ -145,7 +145,7 @@ class Hand(RobotModel):
 
     @property
     def pad_links(self) -> frozenset[str]:
-        """The links that carry pads, and all that are fixed to those."""
+        """The links that carry pads, and the links fixed to them."""
         links = {pad.link for pad in self.pads}
         for joint in self.joints:  # parents come before their children
             if joint.kind == "fixed" and joint.parent in links:
@@ -154,7 +154,7 @@ class Hand(RobotModel):
 
     @property
     def fingertip_links(self) -> frozenset[str]:
-        """The links that carry a pad or lead in a probe posture, and those fixed to them."""
+        """The links that carry a pad or lead in a probe posture, and the links fixed to them."""
         tips = {pad.link for pad in self.pads}
         tips |= {posture.link for posture in self.probe_postures.values()}
         return frozenset().union(*(links_fixed_to(self, tip) for tip in tips))
@@ -200,7 +200,7 @@ class Hand(RobotModel):
             Shape (..., 4, 4): poses of the palm.
         q
             Shape (..., J) [rad or m]: joint positions; its leading dimensions broadcast against
-            those of `X_OH`.
+            the dimensions of `X_OH`.
 
         Returns
         -------
@@ -214,8 +214,8 @@ class Hand(RobotModel):
     ) -> FloatArray:
         """Return the pads' centres in O, (..., F, 3) [m]; arguments as `forward_kinematics`.
 
-        With `offsets` (..., F, 3) [m], in the frames of the pads' links, return other points of the
-        pads: those as far from the centres.
+        With `offsets` (..., F, 3) [m] from the centres, in the frames of the pads' links, return
+        those points of the pads instead.
         """
         return self._kinematics.pads(X_OH, q, offsets)[0]
 
@@ -236,11 +236,11 @@ class Hand(RobotModel):
         Returns
         -------
         centers, axes
-            Shape (..., F, 3), as of `pad_centers` and `pad_axes`.
+            Shape (..., F, 3), as in `pad_centers` and `pad_axes`.
         of_centers, of_axes
             Shape (..., F, 3, 6 + J). Columns 0 to 2: turning the palm about O's axes through the
-            palm's origin [m/rad]; 3 to 5: moving the palm along O's axes; then the joints
-            [m/rad or 1], zero for those that do not move that pad.
+            palm's origin [m/rad]; 3 to 5: moving the palm along O's axes; then the joints [m/rad or
+            1], zero for joints that do not move that pad.
         """
         return self._kinematics.pad_jacobians(X_OH, q, offsets)
 
@@ -259,6 +259,6 @@ def thumb_of(axes: FloatArray) -> int:
     Parameters
     ----------
     axes
-        Shape (F, 3), unit: the pads' axes, as of `Hand.pad_axes`.
+        Shape (F, 3), unit: the pads' axes, as in `Hand.pad_axes`.
     """
     return int(np.argmin([axes[f] @ np.delete(axes, f, axis=0).mean(0) for f in range(len(axes))]))

@@ -108,7 +108,7 @@ def _efforts(hand: Hand) -> Iterator[Finding]:
 
 
 def is_plausible_effort(kind: str, effort: float | None) -> bool:
-    """Return whether an effort [N m or N] may be that of a hand's joint of this kind."""
+    """Return whether an effort [N m or N] is plausible for a hand's joint of this kind."""
     return effort is not None and 0.0 < effort <= _MOST_EFFORT[kind]
 
 
@@ -251,7 +251,7 @@ def _height_over(hand: Hand, links: dict[str, FloatArray], pad: Pad, axis: Float
     """Return the largest coordinate of a pad's link along its axis [m], but for what is behind.
 
     Counted are bodies that the axis crosses, and bodies mainly ahead of the pad: a foot behind the
-    pad, as of an angular finger, may be further out.
+    pad, as on an angular finger, may be further out.
     """
     link = _body_link(hand, pad)
     middle = apply_pose(links[pad.link], pad.center_L)

@@ -24,7 +24,7 @@ RULE = (
 
 # The radius of gyration is within this multiple of the farthest vertex, or of this length [m].
 _FARTHEST, _LEAST_SIZE = 2.5, 0.03
-# Of a link whose file gives no mass [kg/m^3]: plastics, or metal with cavities.
+# Density of a link whose file gives no mass [kg/m^3]: plastics, or metal with cavities.
 _DENSITY = 1000.0
 _SMALL_BALL = 0.01  # radius of a link without bodies [m]
 # Files are written with few digits: a violation of up to this fraction is corrected in silence.

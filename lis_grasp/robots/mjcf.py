@@ -32,7 +32,7 @@ _PALM = "palm"  # of the bodies that belong to no finger
 class HandMjcf:
     """Elements of a hand for an MJCF file; lengths in metres, angles in radians."""
 
-    root: Element  # the base link's body, with those of all other links inside
+    root: Element  # the base link's body, which contains the bodies of all other links
     meshes: list[Element]  # assets of the collision bodies, their vertices included
     couplings: list[Element]  # equality constraints of the joints that follow another
 

@@ -34,7 +34,7 @@ def write_repaired(path: Path, edits: DescriptionEdits, output: Path) -> list[st
     """Write a copy of a description whose links have possible inertias, and return what changed.
 
     Paths of meshes are rewritten relative to the copy. The new values are those of
-    `repaired_inertial`; the other links stay as they are. Errors as of `Hand.load`.
+    `repaired_inertial`; the other links stay as they are. For errors see `Hand.load`.
     """
     model = read_description(path, replace(edits, repair=True))
     repaired = model.inertials

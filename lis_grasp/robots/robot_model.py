@@ -43,7 +43,7 @@ class Joint(FrozenArrays):
         return self.index >= 0 and not self.follows
 
     def position(self, q: FloatArray) -> FloatArray:
-        """Return its position, shape (...), for those of the actuated joints, (..., J)."""
+        """Return its position, shape (...), from the positions of the actuated joints, (..., J)."""
         return np.asarray(self.multiplier * q[..., self.index] + self.offset)
 
 

@@ -57,7 +57,7 @@ _STIFFNESS = 4000.0
 
 
 def read_hand_file(path_or_name: str | Path) -> dict[str, Any]:
-    """Return the fields of a `Hand`; arguments and errors as of `Hand.load`."""
+    """Return the fields of a `Hand`; for arguments and errors see `Hand.load`."""
     path = hand_path(path_or_name)
     file = _read_file(path, "hand", HandEntry, InvalidHandError)
     try:
@@ -72,7 +72,7 @@ def read_hand_file(path_or_name: str | Path) -> dict[str, Any]:
 
 
 def read_arm_file(path_or_name: str | Path) -> dict[str, Any]:
-    """Return the fields of an `Arm`; arguments and errors as of `Arm.load`."""
+    """Return the fields of an `Arm`; for arguments and errors see `Arm.load`."""
     file = _read_file(arm_path(path_or_name), "arm", ArmEntry, InvalidArmError)
     try:
         root = parse_xml(file.description)

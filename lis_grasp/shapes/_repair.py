@@ -31,7 +31,7 @@ _SAME_VERTEX = 1e-6
 # A speck has less than this fraction of the largest part's volume; a sheet, of its own box's.
 _SPECK = 1e-5
 _SHEET = 1e-4
-# A part is inside another if so many sampled places of it are.
+# Number of places, sampled on a part, that show whether it is inside another part.
 _PLACES = 50
 # A file with more holes is a heap of loose triangles.
 _MOST_HOLES = 2000
@@ -219,7 +219,7 @@ def _drop_specks(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
     bodies = each_part(mesh)
     if len(bodies) < 2:
         return mesh
-    # Of bodies that are all flat none is dropped: `repair_mesh` refuses them.
+    # Bodies that are all flat are kept: `repair_mesh` refuses them.
     volumes = np.array([abs(signed_volume(mesh.triangles[body])) for body in bodies])
     kept = volumes >= _SPECK * volumes.max()
     if kept.all():

@@ -209,7 +209,7 @@ def _forbidden(faces: IntArray, loop: IntArray) -> BoolArray:
 
 def _least_area(ring: FloatArray, forbidden: BoolArray) -> IntArray | None:
     """Return the best triangulation of a ring (n, 3) as rows of its corners, or None."""
-    # cost[i, j] is that of the ring's part from i to j, closed by the chord between them.
+    # cost[i, j] is the cost of the ring's part from i to j, closed by the chord between them.
     n = len(ring)
     cost = np.full((n, n), np.inf)
     cost[np.arange(n - 1), np.arange(1, n)] = 0.0

@@ -44,7 +44,7 @@ def find(
     size
         Largest extent of a built-in shape [m]; None for a graspable one.
     units, up
-        Of a mesh file, see `load`.
+        Unit and axis of a mesh file, see `load`.
 
     Raises
     ------

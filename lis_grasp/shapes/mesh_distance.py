@@ -15,7 +15,7 @@ _ROUNDING = 1e-12
 def distances_to_mesh(points: FloatArray, mesh: trimesh.Trimesh) -> tuple[FloatArray, IndexArray]:
     """Return the distance of each point to the nearest point of a mesh, and the triangle it is on.
 
-    Exact but for rounding on closed meshes, slivers included. On a triangle a million times longer
+    Exact up to rounding on closed meshes, including slivers. On a triangle a million times longer
     than wide, libigl overestimates the distance; its neighbours share its edges and are exact.
 
     Parameters
@@ -60,8 +60,8 @@ def winding_numbers(points: FloatArray, vertices: FloatArray, faces: IntArray) -
     """Return the winding number at each point: 1 inside a closed outward mesh, 0 outside.
 
     The exact sum of the triangles' solid angles (Van Oosterom and Strackee 1983) over 4 pi. Folded
-    triangles, which scans have, are permitted; there are no bad directions as for rays. Points
-    (P, 3) [m], vertices (V, 3) [m] and faces (T, 3) give shape (P,).
+    triangles, which scans have, are permitted; there are no bad directions, unlike with rays.
+    Points (P, 3) [m], vertices (V, 3) [m] and faces (T, 3) give shape (P,).
     """
     return np.asarray(
         igl.winding_number(

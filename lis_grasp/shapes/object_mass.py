@@ -1,4 +1,4 @@
-"""Mass and inertia of a true object: published masses of the YCB set, or from its volume."""
+"""Mass and inertia of a true object, from the YCB set's published masses or from its volume."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ GRAVITY = 9.81
 """Acceleration of gravity [m/s^2]."""
 
 USUAL_MASS = 0.2
-"""Mass of an object of which nothing else is known [kg]."""
+"""Mass of an object if nothing else is known [kg]."""
 
 USUAL_FRICTION = 0.8
-"""Coulomb's coefficient of rubber fingertips on an object of which nothing else is known."""
+"""Coulomb's coefficient of rubber fingertips on an object if nothing else is known."""
 
 MOST_FRICTION = 100.0
-"""Largest Coulomb coefficient that is accepted: far above that of any material."""
+"""Largest Coulomb coefficient that is accepted: far above any material's."""
 
 LARGEST_DENSITY = 2700.0
 """Density of aluminium [kg/m^3]: small objects of unknown material are not denser."""
@@ -44,7 +44,7 @@ def default_mass(mesh: trimesh.Trimesh, name: str = "") -> float:
     """Return the mass of an object [kg].
 
     Scans of the YCB set have the published mass (Calli et al. 2015): a file or folder in the path
-    `name` tells which object it is. Others weigh 0.2 kg, or as much as solid aluminium if that is
+    `name` identifies the object. Others weigh 0.2 kg, or as much as solid aluminium if that is
     less: a key or a pen of 0.2 kg would be denser than most metals.
 
     Parameters

@@ -19,7 +19,7 @@ from lis_grasp.shapes.shape import Shape
 from lis_grasp.typing import FloatArray, Seed
 
 UPRIGHT, STABLE = "upright", "stable"
-"""Poses by name: that of the mesh, and any stable one. Another name is a file."""
+"""Poses by name: the pose of the mesh, and any stable one. Any other name is a file."""
 
 # Yaws drawn until the object fits into the region.
 _YAWS = 100
@@ -155,10 +155,10 @@ def _load_pose(path: Path) -> FloatArray:
 
 
 def placed_as_recorded(shape: Shape, facts: Mapping[str, Any]) -> Shape:
-    """Return a true object where the header of a results file has it.
+    """Return a true object at the pose in the header of a results file.
 
-    It was put at the pose X_WO (4, 4), and touches moved it to X_EO (4, 4) in the frame of the
-    contacts; either may be absent. Errors as of `placed`.
+    It was placed at X_WO (4, 4), and touches moved it to X_EO (4, 4) in the frame of the contacts;
+    either may be absent. For errors see `placed`.
     """
     for pose in ("X_WO", "X_EO"):
         if facts.get(pose) is not None:

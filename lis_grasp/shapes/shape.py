@@ -22,7 +22,7 @@ def sharp_edges(mesh: trimesh.Trimesh, *, angle: float = SHARP_ANGLE) -> FloatAr
     """Return the edges where a mesh bends by more than `angle` [rad], convex and concave alike.
 
     Shape (E, 2, 3) [m]: the two ends of each straight piece. Curved edges come as polylines as
-    fine as the mesh. On scanned meshes noise makes edges of its own.
+    fine as the mesh. On scanned meshes noise adds edges.
     """
     sharp = mesh.face_adjacency_angles > angle
     return np.array(mesh.vertices[mesh.face_adjacency_edges[sharp]]).reshape(-1, 2, 3)
@@ -92,8 +92,8 @@ class Shape:
     def from_mesh(cls, mesh: trimesh.Trimesh, name: str = "object") -> Shape:
         """Return the object of any triangle mesh in metres, closed and outward.
 
-        The frame O is that of the mesh. Its repairs are those of a file (`shapes.load`) and are
-        listed in `repairs`; the given mesh stays as it is.
+        O is the frame of the mesh. It is repaired like a mesh file (`shapes.load`), and `repairs`
+        lists what was done; the given mesh stays as it is.
 
         Raises `InvalidMeshError` if it is no mesh, encloses no volume, or could not be closed.
         """

@@ -69,8 +69,8 @@ def convex_parts(
 ) -> tuple[trimesh.Trimesh, ...]:
     """Return convex meshes whose union approximates a watertight mesh [m].
 
-    Volumetric hierarchical approximate convex decomposition (V-HACD; Mamou and Ghorbel 2009). A
-    convex object is one part: its hull. The same mesh gives the same parts.
+    Uses volumetric hierarchical approximate convex decomposition (V-HACD; Mamou and Ghorbel 2009).
+    A convex object is one part: its hull. The same mesh gives the same parts.
 
     Parameters
     ----------

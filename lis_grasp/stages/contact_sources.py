@@ -81,7 +81,7 @@ def load_source(source: ContactSource) -> Contacts:
 
 
 def join_sources(sources: Iterable[ContactSource]) -> Contacts:
-    """Load the contacts of several sensors, as of `load_source`, and join them."""
+    """Load the contacts of several sensors by `load_source`, and join them."""
     return sum(map(load_source, sources), Contacts.empty())
 
 

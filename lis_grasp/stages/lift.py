@@ -43,7 +43,7 @@ def lift_object(
     grasp
         The grasp, in the frame of the contacts.
     accept_grasp
-        Tactile check before the fingers squeeze, as of `simulate_lift`; None for none.
+        Tactile check before the fingers squeeze, as in `simulate_lift`; None for none.
     estimate
         The object as known, which an arm avoids; None if nothing is known.
     options
@@ -93,7 +93,7 @@ def lift_each(
     """Simulate the lift of each grasp on an object at the same pose, in `jobs` processes.
 
     Outcomes are in the order of the grasps, and the same for any number of processes. The other
-    arguments are those of `lift`.
+    arguments are as in `lift`.
 
     Examples
     --------

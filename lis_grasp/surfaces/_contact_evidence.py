@@ -35,14 +35,14 @@ _LEVEL = 0.01
 # Concentration of a beta distribution of fractions, at least and at most.
 _CONCENTRATION = (0.3, 20.0)
 
-# Neighbours of which the best mirrors a contact's normal.
+# Number of neighbours; the best one mirrors a contact's normal.
 _MIRRORS = 6
 # Weight of contacts that are far away, where none is near.
 _FAR_WEIGHT = 1e-9
 
 # Log odds of the side from which a contact was touched, and the cosine of touches that graze it.
 _FROM_OUTSIDE, _GRAZING = 10.0, 0.1
-# Free space this near to a contact, in spacings, is that of its own touch.
+# Free space this near to a contact, in spacings, comes from its own touch.
 _TOUCHING = 0.5
 
 # Balls of free space that are looked at for each contact, and how deep inside of them a contact
@@ -59,7 +59,7 @@ _LARGEST_ERROR = 6.0
 _INSIDE, _EMPTY = 6.0, 14.5
 
 
-# More contacts are judged in groups of at most so many; fewer say too little about each other.
+# Largest and least group of contacts that are judged together; fewer say too little of each other.
 _MOST, _LEAST = 160, 5
 
 
@@ -205,7 +205,7 @@ class Evidence:
 
 
 def _exchange_odds(fractions: FloatArray) -> FloatArray:
-    """Return the log odds of 1 - p instead of p, for fractions p (N,), given those of the others.
+    """Return the log odds of 1 - p instead of p, for fractions p (N,), given the other fractions.
 
     The others have a beta distribution, fitted by moments with one uniform pseudo-observation.
     """

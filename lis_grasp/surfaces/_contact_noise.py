@@ -1,4 +1,4 @@
-"""Noise of contacts: what is known and given, that of means, and maximum likelihood estimates."""
+"""Noise of contacts: known or given noise, noise of means, and maximum likelihood estimates."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def noise_of(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the noise of each contact: its own, else what is given, else NaN.
 
-    `position_noise` [m] and `normal_noise` [rad] are those of contacts whose own are unknown.
+    `position_noise` [m] and `normal_noise` [rad] are for contacts whose own noise is unknown.
     Returns two arrays of shape (N,) [m] and [rad]. Raises `InvalidOptionError` if an option is
     outside its range.
     """
@@ -124,7 +124,7 @@ def noise_of_means(noise: FloatArray | None, group: IndexArray) -> FloatArray | 
 
 
 def filled(own: FloatArray | None, value: float, count: int) -> FloatArray:
-    """Return noise (N,) of so many contacts: their own, a value where it is unknown."""
+    """Return the noise (N,) of N contacts: their own, or a value where it is unknown."""
     return np.full(count, value) if own is None else np.where(np.isnan(own), value, own)
 
 

@@ -38,7 +38,7 @@ def find_contradictions(
 ) -> tuple[IndexArray, FloatArray]:
     """Return the verdict of each contact (N,), and its log odds (N,).
 
-    Contacts are distinct, of noise (N,) [m] and (N,) [rad]. The log odds are those of the likeliest
+    Contacts are distinct, of noise (N,) [m] and (N,) [rad]. The log odds belong to the likeliest
     contradiction, less those needed to believe it: above 0 for contacts that are not sound.
     """
     verdicts, odds = np.full(len(contacts), SOUND), np.full(len(contacts), -np.inf)

@@ -308,7 +308,7 @@ class GradientRegression:
         return float(np.sqrt(np.mean(self.targets * self.weights)))
 
     def _leave_out(self, groups: IndexArray) -> Iterator[tuple[IndexArray, FloatArray, FloatArray]]:
-        """Yield of each group its members (M,), their residuals (M, 4) and covariance (4M, 4M).
+        """Yield the members (M,), residuals (M, 4) and covariance (4M, 4M) of each group.
 
         residuals = B^-1 weights, covariance = B^-1, with B the group's diagonal block of
         (K + noise)^-1 (Rasmussen and Williams 2006, eqs. 5.10 to 5.12, for blocks instead of single

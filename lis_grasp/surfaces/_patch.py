@@ -127,7 +127,7 @@ class PatchContacts:
     def central(self, members: IndexArray) -> IndexArray:
         """Return the members nearest to their centroid, at most 100, ascending.
 
-        Amplitude and noise are those of the patch about them: the equations of all take too long.
+        Amplitude and noise come from the patch around them: solving for all patches takes too long.
         """
         if len(members) <= _SAMPLE:
             return members
@@ -243,7 +243,7 @@ class Patch:
 class JoinedPatches:
     """The functions of K patches in one coordinate system.
 
-    The nodes of all patches are those of one expansion; the sum over each patch's own is its value.
+    The nodes of all patches belong to one expansion; a patch's value is the sum over its own nodes.
     """
 
     spacing: float  # [m], the unit of length

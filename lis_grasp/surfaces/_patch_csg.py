@@ -3,7 +3,7 @@
 A convex edge is an intersection of two solids, the maximum of both patches' functions. A concave
 edge is a union, the minimum. So the solid round contact i is a union of intersections: the minimum
 over terms of the maximum over patches. The contact's own term is its patch, cut by the patches that
-it meets at convex edges. Further terms are those of contacts across concave edges.
+it meets at convex edges. Further terms come from contacts across concave edges.
 
 Two tests exclude distant patches. Both contacts of a pair must be near the line in which their
 tangent planes meet. And every contact is a point of the surface: no patch may cut off a supporting
@@ -174,7 +174,7 @@ def _true_columns(rows: BoolArray) -> list[list[int]]:
 
 
 def solid_values(expressions: Sequence[Expression], values: FloatArray) -> FloatArray:
-    """Return the value of each of E expressions at P points, (E, P), from those of patches (K, P).
+    """Return the value of each of E expressions at P points, (E, P), from patches' values (K, P).
 
     The smallest over the expression's intersections of the largest over their patches.
     """

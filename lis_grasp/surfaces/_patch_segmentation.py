@@ -89,9 +89,9 @@ def cluster_pairs(
     """Return the patch of each contact, shape (N,): 0 for the first contact's, and so on.
 
     Agglomerative clustering: the likeliest pairs of patches merge first, as long as one smooth
-    surface is likelier than an edge between them. The log odds of a pair are those of its
-    asymmetry, normally distributed in both cases, but several times wider across an edge. Noise,
-    (N,), is one standard deviation of contacts along their normals [m] and of the normals [rad].
+    surface is likelier than an edge between them. The log odds of a pair belong to its asymmetry,
+    normally distributed in both cases, but several times wider across an edge. Noise, (N,), is one
+    standard deviation of contacts along their normals [m] and of the normals [rad].
     """
     count = len(position_noise)
     apart = pairs.distances > SMALLEST

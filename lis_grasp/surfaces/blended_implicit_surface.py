@@ -21,7 +21,7 @@ from lis_grasp.typing import FloatArray, IndexArray
 # Folds of the cross-validation.
 _FOLDS = 5
 
-# The evidence of all places counts like that of this many near ones, less half a standard error.
+# The evidence of all places counts as much as this many near places, less half a standard error.
 _PRIOR_PLACES = 3.0
 _CAUTION = 0.5
 
@@ -71,7 +71,7 @@ class BlendedImplicitSurface:
     ) -> BlendedImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        Arguments and errors are those of `prepare_contacts`.
+        For arguments and errors see `prepare_contacts`.
         """
         prepared = prepare_contacts(contacts, position_noise, normal_noise)
         sharp = PatchImplicitSurface.from_contacts(prepared)
@@ -120,7 +120,8 @@ class BlendedImplicitSurface:
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        That of a mixture; patches weigh less, the farther they are from the smooth estimate.
+        The deviation of a mixture: patches weigh less, the farther they are from the smooth
+        estimate.
         """
         rows, shape = flat_points(points)
         values = self.smooth.evaluate(rows)

@@ -1,4 +1,4 @@
-"""Space carving: an estimate less the free space that the hand passed through, or below a table."""
+"""Space carving: an estimate minus free space that the hand crossed, or the space below a table."""
 
 from __future__ import annotations
 
@@ -66,13 +66,13 @@ class _Remainder(Record):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarvedImplicitSurface(_Remainder):
-    """An estimate less balls of free space (CSG difference).
+    """An estimate minus balls of free space (CSG difference).
 
     f = max(g, max_i (r_i - |x - c_i|))
 
-    with the estimate g and balls of centres c_i and radii r_i. It is outside wherever g is, and in
-    every ball; elsewhere it is g. If the balls are free in truth, f has the right sign wherever g
-    has. Made by `carved`.
+    with the estimate g and balls of centres c_i and radii r_i. A point is outside if g is outside
+    there, or if it is in a ball; elsewhere f is g. If the balls are truly free, f has the right
+    sign wherever g has. Made by `carved`.
     """
 
     centers: FloatArray  #: (K, 3) [m], in O; K at least 1
@@ -83,8 +83,8 @@ class CarvedImplicitSurface(_Remainder):
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        The estimate's own. Where it is carved, combined with the depth inside the estimate, its
-        known error there.
+        It is the estimate's own. Where space was carved, it is combined with the depth inside the
+        estimate, the known error there.
         """
         rows, shape = flat_points(points)
         values, deviations = self.surface.evaluate(rows), np.array(self.surface.uncertainty(rows))
@@ -108,12 +108,12 @@ class CarvedImplicitSurface(_Remainder):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AboveTableImplicitSurface(_Remainder):
-    """An estimate less the half-space below a table (CSG intersection).
+    """An estimate minus the half-space below a table (CSG intersection).
 
     f(x) = max(g(x), h - x_z)
 
-    with the estimate g and the height h of the table. The hand cannot touch an underside: the
-    estimate, extrapolated there, is closed by the table. Its uncertainty stays that of g.
+    with the estimate g and the height h of the table. The hand cannot touch an underside: there the
+    estimate is extrapolated, and the table closes it. The uncertainty is unchanged.
     """
 
     support_height: float  #: of the table [m]
@@ -178,7 +178,7 @@ def depths_in_free_space(
 ) -> FloatArray:
     """Return how deep points of an estimate's surface, (P, 3) [m], are in free space, (P,) [m].
 
-    The free space is that which `carved` removes from the estimate. Outside of it the depth is
+    It is the free space that `carved` removes from the estimate. Outside of it the depth is
     negative, and -inf far from it.
     """
     bounds = np.array([points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)])
@@ -213,8 +213,8 @@ def _grown(radii: FloatArray, nearest: FloatArray, values: FloatArray, growth: f
 def standing_on(contacts: Contacts, support_height: float) -> Contacts:
     """Return contacts with those that a table at a height [m] implies.
 
-    No fingertip gets below a contact near the table. A wall there is taken to go on straight down:
-    one more contact is below it, at the table.
+    No fingertip gets below a contact near the table. A wall there is assumed to continue straight
+    down: one more contact is below it, at the table.
     """
     near = contacts.points[:, 2] < support_height + _NEAR_TABLE
     slopes = contacts.normals[:, 2]

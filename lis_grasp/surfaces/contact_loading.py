@@ -27,7 +27,7 @@ from lis_grasp.typing import FloatArray
 
 # Heights below this fraction of the extent do not count: the contact is beside the other.
 _LEAST_HEIGHT = 0.01
-# Pairs are of at most so many contacts.
+# Largest number of contacts that are paired.
 _MOST = 400
 # Contacts of one view have all but 5 % of their normals in a half space, up to its border.
 _VIEW, _BORDER = 0.95, -0.1
@@ -52,7 +52,7 @@ def fraction_in_front(contacts: Contacts) -> float:
 
     In front means above the first's tangent plane, on the side of its normal. It is 0 for a convex
     object with outward normals, 1 with inward ones, and 0 where no pair shows it. Contacts whose
-    normals are in one half space, as of one camera view, do not show it either: a bowl and a ball
+    normals are in one half space, such as one camera view, do not show it either: a bowl and a ball
     differ by the sign of the normals alone.
     """
     chosen = contacts.subset(

@@ -64,12 +64,12 @@ class ContactPlaces:
 def farthest_point_order(
     points: FloatArray, most: int, *, factors: FloatArray | None = None
 ) -> tuple[IndexArray, FloatArray]:
-    """Return at most so many points in order (K,), and each one's distance from all earlier (K,).
+    """Return indices of at most `most` points in order (K,), and distances to earlier ones (K,).
 
     `points` are of shape (N, D). The order begins with the point farthest from the centroid, and
     ends when all others are at the places of earlier ones (Gonzalez 1985). The distances of each
-    point are multiplied by its factor, (N,). The order is independent of that of the points; of the
-    frame, too, except for equal distances.
+    point are multiplied by its factor, (N,). The result does not depend on the order of the points,
+    nor on the frame, except for equal distances.
     """
     relative = points - points.mean(axis=0)
     distances = np.linalg.norm(relative, axis=1)
@@ -101,7 +101,7 @@ def box_area(points: FloatArray) -> float:
 
 
 def box_lengths(points: FloatArray) -> FloatArray:
-    """Return the lengths (3,) [m] of that box, in the order of the points' variances."""
+    """Return the lengths (3,) [m] of the box of `box_area`, by the points' variances."""
     centered = points - points.mean(axis=0)
     _, axes = np.linalg.eigh(centered.T @ centered)
     return np.asarray(np.ptp(centered @ axes, axis=0))
@@ -138,7 +138,8 @@ def log_errors(
 ) -> FloatArray:
     """Return the mean logarithm of the errors of contacts in distance and normal, at each place.
 
-    `predicted` are f (N,) [m] and its gradient (N, 3) at contacts of normals (N, 3), from others.
+    `predicted` is f (N,) [m] and its gradient (N, 3) at each contact, predicted from other
+    contacts.
     """
     values, gradients = predicted
     slopes = np.linalg.norm(gradients, axis=1)
@@ -156,6 +157,6 @@ def smoothstep(values: FloatArray, low: float, high: float) -> tuple[FloatArray,
 
 
 def agreement(differences: FloatArray, near: float, far: float) -> tuple[FloatArray, FloatArray]:
-    """Return what falls from 1 to 0 from a difference of `near` to `far`, and its derivative."""
+    """Return a weight that falls from 1 at `near` to 0 at `far`, and its derivative."""
     rises, slopes = smoothstep(np.abs(differences), near, far)
     return 1.0 - rises, -slopes * np.sign(differences)

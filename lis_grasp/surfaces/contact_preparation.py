@@ -93,7 +93,7 @@ class PreparedContacts:
         return replace(self, position_noise=position, normal_noise=normal)
 
     def thinned(self, most: int) -> PreparedContacts:
-        """Return at most so many local averages of the contacts, see `thin_contacts`."""
+        """Return at most `most` local averages of the contacts, see `thin_contacts`."""
         if len(self.contacts) <= most:
             return self
         contacts = replace(
@@ -125,7 +125,8 @@ def prepare_contacts(
         contacts whose own noise is unknown. None estimates it from these contacts
         (`estimate_noise`); it is 0 where they do not determine it.
     most
-        More contacts are thinned to so many local averages (`thin_contacts`); None for no thinning.
+        Contacts beyond this number are thinned to local averages (`thin_contacts`); None for no
+        thinning.
 
     Raises
     ------
@@ -151,7 +152,7 @@ def prepare_contacts(
 
 
 def repaired(contacts: Contacts, codes: IndexArray) -> Contacts:
-    """Return contacts as `ContactVerdicts.credible`, by codes of their verdicts (N,)."""
+    """Return the credible contacts (`ContactVerdicts.credible`), by codes of verdicts (N,)."""
     bad = int(np.count_nonzero(codes != SOUND))
     if bad > _MOST_BAD * len(contacts):
         raise TooManyBadContactsError(
@@ -168,7 +169,7 @@ def repaired(contacts: Contacts, codes: IndexArray) -> Contacts:
 
 
 def in_free_space_of(contacts: Contacts, merged: Contacts) -> Contacts:
-    """Return merged contacts with the free space of those that they were merged from."""
+    """Return merged contacts with the free space of the original contacts."""
     free = contacts.free_points, contacts.free_radii
     return replace(merged, free_points=free[0], free_radii=free[1])
 
@@ -218,9 +219,9 @@ def estimate_noise(contacts: Contacts) -> tuple[float, float]:
     Positions have noise along the normal, normals in each component perpendicular to it. Exact
     repetitions count once. Where quadrics do not resolve the shape, its departure from them would
     count as noise: a smooth surface through up to 100 contacts may show that there is less. The
-    noise of positions is uncertain where that of normals times the contacts' spacing is ten times
-    larger. Both are NaN if fewer than six contacts have four neighbours on their patch: so few
-    contacts do not determine the noise.
+    noise of positions is uncertain where the noise of normals, times the contacts' spacing, is ten
+    times larger. Both are NaN if fewer than six contacts have four neighbours on their patch: so
+    few contacts do not determine the noise.
     """
     return likeliest_noise(_drop_repetitions(contacts))
 
@@ -254,7 +255,7 @@ def merge_duplicates(
     if len(merged) < 2 or not merged.spacing < reach < np.inf:
         return merged
     places = _merged(known, reaches)
-    # Chains of contacts, as of a cloud, are no place.
+    # Chains of contacts, as in a cloud, are no place.
     farthest = cKDTree(places.points).query(known.points)[0].max()
     return places if places.spacing > 2.0 * reach >= 2.0 * farthest else merged
 
@@ -265,9 +266,9 @@ def thin_contacts(contacts: Contacts, most: int) -> Contacts:
     Centres are chosen by farthest-first traversal (Gonzalez 1985) of positions and normals
     together, precise contacts before others; every contact joins its nearest centre. Means are
     weighted by inverse variances and carry their own, smaller noise; set unknown noise first, or
-    cells of many contacts count as much as those of few. The mean of points on a curved surface is
-    inside of it: each contact predicts the height of its cell's mean by the plane halfway between
-    both normals, which is exact on spheres.
+    a cell of many contacts counts as much as a cell of few. The mean of points on a curved surface
+    is inside of it: each contact predicts the height of its cell's mean by the plane halfway
+    between both normals, which is exact on spheres.
 
     Returns `contacts` if there are few enough, else points, normals and noise only. The result
     follows rigid motions and scaling, and does not depend on the order of contacts.
@@ -328,9 +329,9 @@ def _merged(contacts: Contacts, reach: float | FloatArray) -> Contacts:
 
 
 def _cells(contacts: Contacts, most: int) -> IndexArray:
-    """Return the cell of each contact, (N,), numbered from 0: at most so many cells."""
+    """Return the cell of each contact, (N,), numbered from 0: at most `most` cells."""
     points, precision = contacts.points, precisions_of(contacts.position_noise, len(contacts))
-    # The distance between so many points if they were evenly spread.
+    # The distance between that number of points if they were evenly spread.
     sizes = np.linalg.norm(points - points.mean(axis=0), axis=1)
     cell = float(np.sqrt(4.0 * np.pi / most) * np.sqrt(np.mean(sizes**2)))
     rows = np.hstack([points / cell, contacts.normals / _NORMAL_CELL])  # (N, 6)

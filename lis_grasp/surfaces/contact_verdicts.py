@@ -63,7 +63,7 @@ class ContactVerdicts:
     __repr__ = short_repr
 
     def rows(self, *verdicts: Verdict) -> IndexArray:
-        """Return the rows of the contacts of some verdicts, counted from 0."""
+        """Return the rows of contacts with one of these verdicts, counted from 0."""
         return np.flatnonzero(np.isin(self.codes, [_CODES[verdict] for verdict in verdicts]))
 
     @property
@@ -81,7 +81,7 @@ class ContactVerdicts:
         return repaired(self.contacts, self.codes)
 
     def sentence(self) -> str:
-        """Return what was turned and left out in words, rows counted from 1; empty if nothing."""
+        """Return a sentence on turned and omitted contacts, rows counted from 1, or nothing."""
         parts = []
         for name, verdict, done in (
             ("normal", "flipped", "turned"),
@@ -127,7 +127,7 @@ def judge_contacts(
     Parameters
     ----------
     contacts
-        At least one, in any frame. All of them are sound if they are `Contacts.judged`.
+        At least one, in any frame. All count as sound if they are `Contacts.judged`.
     position_noise, normal_noise
         See `prepare_contacts`.
 
@@ -178,8 +178,8 @@ def orient_normals(
     contacts
         At least one; the signs of their normals mean nothing.
     viewpoint
-        Place of the sensor, shape (3,) [m], or that of each contact, (N, 3): normals point towards
-        it. None for the signs that make all contacts together likeliest.
+        Place of the sensor, shape (3,) [m], or one place for each contact, (N, 3): normals point
+        towards it. None for the signs that make all contacts together likeliest.
     position_noise, normal_noise
         See `prepare_contacts`.
 

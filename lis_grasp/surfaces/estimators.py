@@ -111,7 +111,7 @@ class PluggedEstimator:
 
 
 def few_contacts(contacts: Contacts) -> str:
-    """Return what an estimate from few contacts is worth, in words; empty if they are enough."""
+    """Return a sentence on the worth of an estimate from few contacts; empty if they are enough."""
     places = len(np.unique(contacts.points, axis=0))
     if places == 1:
         return "contacts at one place show no size of an object: that of the estimate is arbitrary"

@@ -231,7 +231,7 @@ class GaussianProcessImplicitSurface:
 
         k(x, x) - k_*^T (K + noise)^-1 k_* (Rasmussen and Williams 2006, eq. 2.26), times the square
         of the prior's amplitude. It fits the residuals of K places that are left out, times
-        sqrt(1 + 2 / K), as of Student's t.
+        sqrt(1 + 2 / K), as in Student's t.
         """
         rows, shape = self._scaled(points)
         variances = map_rows(self._process.variance, rows, ROWS * len(self.points))
@@ -240,9 +240,9 @@ class GaussianProcessImplicitSurface:
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        The posterior standard deviation of f over the length of its gradient: to first order, the
-        shift of the zero, and a least one. Capped by the diagonal of the bounds. On the middle of
-        faces it is too large, beside edges, which no smooth f can follow, too small.
+        The posterior standard deviation of f over the length of its gradient, which is the shift of
+        the zero to first order; at least a minimum, at most the diagonal of the bounds. It is too
+        large on the middle of faces, and too small beside edges, which no smooth f can follow.
         """
         rows, shape = flat_points(points)
         slope = np.maximum(np.linalg.norm(self.gradient(rows), axis=1), _MIN_SLOPE)
@@ -253,8 +253,8 @@ class GaussianProcessImplicitSurface:
     def leave_groups_out(self, groups: IndexArray) -> tuple[FloatArray, FloatArray]:
         """Return leave-group-out predictions at each contact: f (N,) [m], gradient (N, 3).
 
-        Contacts of one number in `groups`, (N,), are predicted from all others; kernel, noise,
-        prior mean and scaled coordinates stay.
+        Contacts with one number in `groups`, (N,), are predicted from all others, with the same
+        kernel, noise, prior mean and scaled coordinates.
         """
         means = self._process.leave_groups_out(groups)
         values = self.gain * self.scale * (self.mean + means[:, 0])

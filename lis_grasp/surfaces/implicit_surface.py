@@ -56,12 +56,12 @@ class ImplicitSurface(Protocol):
 
 
 class DeferredSurface:
-    """The surface that a function makes; it is called at the first use, and once.
+    """A surface made by a function, which is called once, at the first use.
 
     Parameters
     ----------
     make
-        Makes the surface. What it raises, the first use raises.
+        Makes the surface. Its errors are raised at the first use.
     """
 
     def __init__(self, make: Callable[[], ImplicitSurface]) -> None:

@@ -49,7 +49,7 @@ class LocalImplicitSurface(BlockwiseSurface):
     f(x) = sum_i w_i k(x, c_i) beta_i(x) y_i(x)  /  sum_i w_i k(x, c_i)        (eq. 7, normalised)
 
     with the plane y_i of contact i, a weight w_i, a Gaussian kernel k and the convexity beta_i.
-    The zero set is that of eq. 7. The denominator, not in the paper, keeps values finite.
+    It has the zero set of eq. 7. The denominator, which is not in the paper, keeps values finite.
 
     Made by `from_contacts`. Values are not metric: beside a convex edge they are scaled by beta.
 
@@ -93,7 +93,7 @@ class LocalImplicitSurface(BlockwiseSurface):
         ----------
         contacts, position_noise, normal_noise
             See `prepare_contacts`, also for errors. More precise contacts weigh more; equal noise
-            changes the uncertainty, not the surface. None are thinned.
+            changes the uncertainty, not the surface. Contacts are not thinned.
         sigma
             Width of the kernel [m]; None takes a fifth of the contacts' spacing.
         beta

@@ -2,7 +2,7 @@
 
 The evidence is the points themselves (a smooth closed surface passes through them), the directions
 of approach (a finger meets the outside), and points in free space; see `NormalPosterior`. In a
-dense cloud the normals are those of local planes.
+dense cloud they are the normals of local planes.
 """
 
 from __future__ import annotations
@@ -136,7 +136,8 @@ def _directions(approach: npt.ArrayLike | None, count: int) -> FloatArray:
     if vectors.shape != (count, 3) or not np.all(np.isfinite(vectors)):
         raise InvalidContactsError(
             f"approach must be {count} finite directions, shape ({count}, 3); it is"
-            f" {shown(approach)}: give one direction of motion for each point, zeros where unknown"
+            f" {shown(approach)}: give one direction of motion for each point, zeros where unknown",
+            field="approach",
         )
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0)
@@ -233,7 +234,8 @@ def _local_planes(points: FloatArray, references: FloatArray) -> tuple[FloatArra
     """Return unit normals of the plane about each point, and their standard deviations.
 
     Principal component analysis of neighbours (Hoppe et al. 1992, Surface reconstruction from
-    unorganized points, section 3.1). The sign of a normal is that of a reference, not propagated.
+    unorganized points, section 3.1). The sign of a normal comes from a reference; it is not
+    propagated.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ class PatchImplicitSurface(BlockwiseSurface):
     """Smooth patches, each a Gaussian process, joined at sharp edges by CSG expressions.
 
     Contacts on one smooth surface make a patch: a Gaussian process with a quadric trend through
-    their points and normals (`patch`). Which contacts do is decided by marginal likelihood
+    their points and normals (`patch`). Marginal likelihood decides which contacts do
     (`patch_segmentation`). Round each contact the solid is a CSG expression: a union (min, concave
     edges) of intersections (max, convex edges) of patches. f is the kernel-weighted mean of the
     expressions, as in eq. 7 of Ottenhaus et al. 2016 with planes y_i replaced by expressions, and
@@ -83,7 +83,7 @@ class PatchImplicitSurface(BlockwiseSurface):
     ) -> PatchImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        Arguments and errors are those of `prepare_contacts`.
+        For arguments and errors see `prepare_contacts`.
 
         Raises `EstimationError` if contacts contradict each other so much that they have hardly a
         patch in common.

@@ -25,7 +25,7 @@ _CACHED = 2**16
 _BITS = 10
 _SPREAD = np.array([int(f"{number:b}", base=8) for number in range(1 << _BITS)])
 
-# Points evaluated at once: so many, in a box no larger than this many spacings.
+# Points evaluated at once: their number, and the largest size of their box in spacings.
 _BLOCK, _BLOCK_EXTENT = 2048, 8.0
 
 
@@ -91,9 +91,9 @@ def flat_points(points: npt.ArrayLike) -> tuple[FloatArray, tuple[int, ...]]:
 def map_rows(
     function: Callable[[FloatArray], FloatArray], rows: FloatArray, columns: int
 ) -> FloatArray:
-    """Apply a row-wise function to so many rows at a time that its arrays stay in the cache.
+    """Apply a row-wise function to blocks of rows whose arrays fit into the cache.
 
-    `columns` is their width; the results are joined.
+    `columns` is the width of its arrays; the results are joined.
     """
     count = max(1, _CACHED // columns)
     if len(rows) <= count:

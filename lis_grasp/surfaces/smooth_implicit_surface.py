@@ -77,7 +77,7 @@ class SmoothImplicitSurface:
     ) -> SmoothImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        Arguments and errors are those of `prepare_contacts`.
+        For arguments and errors see `prepare_contacts`.
         """
         prepared = prepare_contacts(contacts, position_noise, normal_noise)
         bound = GaussianProcessImplicitSurface.from_contacts(prepared)
@@ -87,7 +87,7 @@ class SmoothImplicitSurface:
     def beside(
         cls, bound: GaussianProcessImplicitSurface, prepared: PreparedContacts
     ) -> SmoothImplicitSurface:
-        """Return the estimate beside `gpis` of the same contacts."""
+        """Return the estimate that blends with a `gpis` of the same contacts."""
         few = prepared.thinned(MOST_FOR_SETTINGS)
         plain = bound if few is prepared else GaussianProcessImplicitSurface.from_contacts(few)
         best, places = 0, few.places
@@ -127,7 +127,7 @@ class SmoothImplicitSurface:
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        That of the free process, and a part of its difference from the bound one.
+        The deviation of the free process, and a part of its difference from the bound one.
         """
         differences = self.free.evaluate(points) - self.bound.evaluate(points)
         return np.hypot(self.free.uncertainty(points), _DOUBT * differences)

@@ -96,7 +96,7 @@ def arm_approach(
 ) -> tuple[float, list[list[FloatArray]]]:
     """Return the length of a straight approach to X_OH (4, 4) [m], and the arm's poses on it.
 
-    The poses are as of `arm_poses`, at even places from the palm's pose X_OH backwards along the
+    The poses are as in `arm_poses`, at even places from the palm's pose X_OH backwards along the
     `direction` (3,), as far as the arm gets.
     """
     q = _posture(station, X_OH)

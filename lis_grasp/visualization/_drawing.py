@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization.colours import linear_rgb
 
-# Nodes of the viewer's scene tree. A lift moves all nodes below that of the object.
+# Nodes of the viewer's scene tree. A lift moves all nodes below the object's node.
 ROOT = "lis_grasp"
 OBJECT_NODE = f"{ROOT}/object"
 
@@ -204,8 +204,8 @@ def set_object(
 ) -> bytes:
     """Return the command that draws an object of a three.js `kind` at a path of the scene tree.
 
-    `attributes` are those of its vertices, each (V, 3), `faces` (F, 3); `poses` (N, 4, 4) are those
-    of an ``InstancedMesh``.
+    `attributes` belong to its vertices, each (V, 3), `faces` (F, 3); `poses` (N, 4, 4) are those of
+    an ``InstancedMesh``.
     """
     data: dict[str, Any] = {
         "attributes": {

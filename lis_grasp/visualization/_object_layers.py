@@ -33,7 +33,7 @@ TABLE_COLOUR, GRID_COLOUR = "#d2cfc9", "#a9a59d"
 _CONTACT_RADIUS = 0.018
 _NORMAL_LENGTH = 0.15
 _FREE_POINT_RADIUS = 0.007
-# Size of a doubted contact in those of others, which it covers.
+# Size of a doubted contact, in sizes of other contacts, which it covers.
 _BAD_SIZE = 1.4
 
 _MOST_FREE_POINTS = 5000

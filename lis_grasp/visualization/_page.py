@@ -18,7 +18,7 @@ from lis_grasp.visualization._story import Story
 from lis_grasp.visualization.colours import VIRIDIS, ColourScale
 
 _HERE = "lis_grasp.visualization"
-# In the order of their dependencies.
+# Scripts are in the order of their dependencies.
 _SCRIPTS = ("appearance.js", "story.js", "camera.js", "scene.js")
 
 

@@ -49,7 +49,7 @@ def view_axes(azimuth: float, elevation: float) -> FloatArray:
 
 
 def outermost(points: FloatArray) -> FloatArray:
-    """Return those of `points` (N, 3) that are extreme in any of 150 directions."""
+    """Return the points, of (N, 3), that are extreme in any of 150 directions."""
     if not len(points):
         return points
     return points[np.unique(np.argmax(fibonacci_directions(_OUTWARD) @ points.T, axis=1))]

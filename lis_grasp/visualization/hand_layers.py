@@ -49,7 +49,7 @@ _MARK = 0.004  # radius of the mark of a flat pad [m]
 
 
 def draw_hand(canvas: Canvas, hand: Hand, station: Station | None = None) -> None:
-    """Draw the hand's links, each at its own node; the page copies and places them.
+    """Draw the hand's links, each at its own node, which the page copies and places.
 
     The links of the station's arm follow.
     """

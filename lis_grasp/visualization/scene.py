@@ -75,7 +75,7 @@ class Scene:
     contacts
         Contacts in O, in the order of the touches.
     bad_contacts
-        Rows of those that others contradict, which get a colour of their own.
+        Rows of contacts that others contradict, which get a colour of their own.
     growth
         Earlier estimates, each with its number of contacts, which increases.
     touches
@@ -91,7 +91,7 @@ class Scene:
     support_height
         Height of the table in O [m]; None for the lowest point of the object.
     obstacles
-        What the hand must not hit [m], in O.
+        Obstacles for the hand [m], in O.
     region, search
         The region that contained the object, on the table z = 0, and the outcomes of the search up
         to the first contact.
@@ -103,7 +103,7 @@ class Scene:
     Raises
     ------
     InvalidOptionError
-        If there is nothing to show, the hand is missing or not that of the grasps, or `touches` or
+        If there is nothing to show, the hand is missing or is not the grasps' hand, or `touches` or
         `growth` do not match the contacts.
 
     Examples

@@ -27,9 +27,9 @@ class SceneServer(ThreadingHTTPServer):
     """Web server for the scene.html of a folder, which is read at each request.
 
     With `follow` its page shows each new state of the scene, which may be missing at first, and
-    `state` changes with it. It listens on this machine alone, unless `host` is another address of
-    it, such as 0.0.0.0 in a container. Port 0 takes a free port. `renew` is called before each
-    answer, one call at a time, and may write the scene again. Requests by another name than
+    `state` changes with it. It listens on this machine only, unless `host` is another of its
+    addresses, such as 0.0.0.0 in a container. Port 0 takes a free port. `renew` is called before
+    each answer, one call at a time, and may write the scene again. Requests by another name than
     localhost and `host` are refused: a page of another site, whose name was made to point to this
     machine, cannot read the scene.
 

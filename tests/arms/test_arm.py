@@ -279,19 +279,20 @@ def test_balls_cover_a_body(kind: str) -> None:
 def test_a_mistake_in_the_yaml_is_named(tmp_path: Path, changes: dict, key: str) -> None:
     with pytest.raises(InvalidArmError) as error:
         Arm.load(_write(tmp_path, **changes))
-    assert error.value.key == key
-    assert "two.yaml" in str(error.value)
+    assert (error.value.file, error.value.key) == ("two.yaml", key)
 
 
 def test_a_mistake_in_the_urdf_is_an_error_of_the_arm(tmp_path: Path) -> None:
-    with pytest.raises(InvalidArmError, match="mass"):
+    with pytest.raises(InvalidArmError) as error:
         Arm.load(_write(tmp_path, _URDF.replace('<mass value="1"/>', '<mass value="0"/>')))
-    with pytest.raises(InvalidArmError, match="XML"):
+    assert (error.value.file, error.value.key) == ("two.yaml", "urdf")
+    with pytest.raises(InvalidArmError) as error:
         Arm.load(_write(tmp_path, _URDF.replace("</robot>", "")))
+    assert (error.value.file, error.value.key) == ("two.yaml", "urdf")
 
 
 def test_unknown_arms_are_refused_with_the_nearest_name(tmp_path: Path) -> None:
-    with pytest.raises(InvalidArmError, match="did you mean 'iiwa14'"):
+    with pytest.raises(InvalidArmError, match="'iiwa14'"):
         Arm.load("iiwa41")
     with pytest.raises(InvalidArmError) as error:
         Arm.load(tmp_path / "absent.yaml")
@@ -299,7 +300,7 @@ def test_unknown_arms_are_refused_with_the_nearest_name(tmp_path: Path) -> None:
 
 
 def test_a_description_given_as_an_arm_needs_its_yaml() -> None:
-    with pytest.raises(InvalidArmError, match="name, urdf .* and flange") as error:
+    with pytest.raises(InvalidArmError) as error:
         Arm.load("two.urdf")
     assert error.value.file == "two.urdf"
 

@@ -40,8 +40,9 @@ def test_a_cloud_shows_where_the_object_is() -> None:
 def test_geometry_alone_cannot_move_the_object() -> None:
     assert facts("--prober", "kinematic") == {**UNKNOWN, "free": False}
     assert facts("--clamped") == {**UNKNOWN, "free": False}
-    with pytest.raises(InvalidOptionError, match="dynamic"):
+    with pytest.raises(InvalidOptionError) as error:
         facts("--prober", "kinematic", "--free")
+    assert error.value.option == "free"
 
 
 def test_each_condition_changes_alone() -> None:
@@ -60,5 +61,6 @@ def test_known_and_unknown_exclude_each_other() -> None:
 
 
 def test_a_region_without_room_is_refused() -> None:
-    with pytest.raises(InvalidOptionError, match="region"):
+    with pytest.raises(InvalidOptionError) as error:
         facts("--region", "0.4", "0", "0.3")
+    assert error.value.option == "region"

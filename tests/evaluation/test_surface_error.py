@@ -168,14 +168,15 @@ def _turned(segments: npt.NDArray, X: npt.NDArray) -> npt.NDArray:
 
 def test_contacts_of_another_frame_are_refused(truth: Shape) -> None:
     far = touches([[5.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]])
-    with pytest.raises(InvalidContactsError, match="frame"):
+    with pytest.raises(InvalidContactsError) as error:
         surface_error(truth.mesh, truth, far, explored_radius=0.05)
+    assert error.value.field == "points"
     with pytest.raises(InvalidContactsError):
         surface_error(truth.mesh, truth, Contacts.empty(), explored_radius=0.05)
 
 
 def test_an_estimate_of_something_else_is_refused(truth: Shape) -> None:
-    with pytest.raises(EstimationError, match="contacts"):
+    with pytest.raises(EstimationError):
         surface_error(cube(0.2, [5.0, 0.0, 0.0]), truth, ON_CUBE, explored_radius=0.05)
 
 

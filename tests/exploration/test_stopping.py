@@ -75,17 +75,18 @@ def test_an_estimate_without_surface_is_no_reason_to_stop() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "word"),
+    ("option", "value"),
     [
-        ({"until_coverage": 1.2}, "coverage"),
-        ({"until_uncertainty": 0.0}, "uncertainty"),
-        ({"max_seconds": float("nan")}, "max_seconds"),
-        ({"policy": "psychic"}, "policy"),
+        ("until_coverage", 1.2),
+        ("until_uncertainty", 0.0),
+        ("max_seconds", float("nan")),
+        ("policy", "psychic"),
     ],
 )
-def test_invalid_rules_are_refused(options: dict, word: str) -> None:
-    with pytest.raises(InvalidOptionError, match=word):
-        RunConfig(**options)
+def test_invalid_rules_are_refused(option: str, value: object) -> None:
+    with pytest.raises(InvalidOptionError) as error:
+        RunConfig(**{option: value})  # type: ignore[arg-type]
+    assert error.value.option == option
 
 
 def test_a_good_grasp_ends_the_exploration_if_two_more_contacts_confirm_it() -> None:

@@ -148,10 +148,12 @@ def test_force_closure_agrees_with_a_feasibility_programme() -> None:
 
 
 def test_contacts_of_a_wrong_shape_are_refused() -> None:
-    with pytest.raises(InvalidContactsError, match="B, C, 3"):
+    with pytest.raises(InvalidContactsError) as error:
         epsilon_by_expanding_polytope(AXES, AXES, WrenchModel(0.5))
-    with pytest.raises(InvalidContactsError, match="C, 3"):
+    assert error.value.field == "points"
+    with pytest.raises(InvalidContactsError) as error:
         epsilon_quality(AXES[None], AXES[None], friction=0.5)
+    assert error.value.field == "points"
 
 
 def test_degenerate_polytopes_still_give_the_epsilon_of_hulls() -> None:

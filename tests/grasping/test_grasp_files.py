@@ -59,18 +59,19 @@ def test_the_file_says_its_frames_and_units(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "reason"),
+    ("text", "field"),
     [
-        ("{", "cannot be read as JSON"),
-        ("{}", "grasps is missing"),
-        ('{"grasps": [1], "rejections": {}, "candidates": 0}', "no valid grasps"),
-        ('{"grasps": [], "rejections": [], "candidates": 0}', "no valid grasps"),
+        ("{", ""),
+        ("{}", "grasps"),
+        ('{"grasps": [1], "rejections": {}, "candidates": 0}', "grasps[0]"),
+        ('{"grasps": [], "rejections": [], "candidates": 0}', "rejections"),
     ],
 )
-def test_a_file_that_holds_no_grasps_is_refused(tmp_path: Path, text: str, reason: str) -> None:
+def test_a_file_that_holds_no_grasps_is_refused(tmp_path: Path, text: str, field: str) -> None:
     (tmp_path / "g.json").write_text(text)
-    with pytest.raises(InvalidFileError, match=reason):
+    with pytest.raises(InvalidFileError) as error:
         GraspSearch.load(tmp_path / "g.json")
+    assert (error.value.path, error.value.field) == (tmp_path / "g.json", field)
 
 
 @pytest.mark.parametrize(
@@ -104,5 +105,6 @@ def test_a_family_is_kept_and_files_without_one_hold_pinches(tmp_path: Path) -> 
     assert GraspSearch.load(path).best.family == "pinch"
     content["grasps"][0]["family"] = "toss"
     path.write_text(json.dumps(content))
-    with pytest.raises(InvalidFileError, match="family must be one of pinch, table, rim"):
+    with pytest.raises(InvalidFileError) as error:
         GraspSearch.load(path)
+    assert (error.value.path, error.value.field) == (path, "family")

@@ -403,7 +403,7 @@ def test_surface_that_no_touch_supports_is_not_grasped() -> None:
 def test_an_open_mesh_is_refused() -> None:
     mesh = trimesh.creation.box((0.05, 0.05, 0.05))
     mesh.update_faces(np.arange(len(mesh.faces)) > 0)
-    with pytest.raises(InvalidMeshError, match="closed"):
+    with pytest.raises(InvalidMeshError):
         ForceClosureSampler(JAW).sample(mesh, rng=np.random.default_rng(0))
 
 

@@ -42,37 +42,42 @@ def test_a_file_that_unpacks_to_much_is_refused_before_it_is_unpacked(tmp_path: 
             member.write(bytes(10**6))
     assert path.stat().st_size < 10**6
     tracemalloc.start()
-    with pytest.raises(InvalidFileError, match="more than 256 MiB"):
+    with pytest.raises(InvalidFileError) as error:
         read_arrays(path, ("a",))
+    assert error.value.path == path
     assert tracemalloc.get_traced_memory()[1] < 10**7
     tracemalloc.stop()
 
 
 @pytest.mark.parametrize(
-    ("content", "reason"),
+    "content",
     [
-        (_npy("(100000000000,)"), "cannot be read as NPZ"),
-        (_npy("(4,)", "|O", bytes(32)), "Python objects"),
-        (_npy("(-1,)"), "cannot be read as NPZ"),
-        (_npy("'x'"), "cannot be read as NPZ"),
-        (b"", "cannot be read as NPZ"),
-        (b"\x93NUMPY\x09\x00", "cannot be read as NPZ"),
+        _npy("(100000000000,)"),
+        _npy("(4,)", "|O", bytes(32)),
+        _npy("(-1,)"),
+        _npy("'x'"),
+        b"",
+        b"\x93NUMPY\x09\x00",
     ],
 )
-def test_a_damaged_array_is_one_sentence(tmp_path: Path, content: bytes, reason: str) -> None:
+def test_a_damaged_array_is_one_sentence(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "a.npz"
     _write(path, content)
-    with pytest.raises(InvalidFileError, match=reason):
+    with pytest.raises(InvalidFileError) as error:
         read_arrays(path, ("a",))
+    assert error.value.path == path
 
 
 def test_a_missing_array_and_a_missing_file_are_named(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
-    with pytest.raises(InvalidFileError, match="cannot read"):
+    with pytest.raises(InvalidFileError) as error:
         read_arrays(path, ("a",))
+    assert error.value.path == path
     _write(path, _npy("(0,)"))
-    with pytest.raises(InvalidFileError, match=r"lacks b"):
+    with pytest.raises(InvalidFileError) as error:
         read_arrays(path, ("b",))
+    assert error.value.path == path
     path.write_bytes(io.BytesIO(b"PK").getvalue())
-    with pytest.raises(InvalidFileError, match="cannot be read as NPZ"):
+    with pytest.raises(InvalidFileError) as error:
         read_arrays(path, ("a",))
+    assert error.value.path == path

@@ -47,7 +47,7 @@ def test_a_folder_is_refused_with_the_file_in_it_that_is_usual(tmp_path: Path) -
     assert "contacts.ply" not in str(error.value)
     for name in ("contacts.ply", "surface.ply"):
         (tmp_path / name).touch()
-        with pytest.raises(InvalidFileError, match=f"name {tmp_path / name}"):
+        with pytest.raises(InvalidFileError, match=str(tmp_path / name)):
             provenance.read(tmp_path, usual=name)
 
 

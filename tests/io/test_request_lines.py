@@ -122,8 +122,9 @@ def test_clients_of_a_socket_are_answered_until_one_stops(
                 assert json.loads(lines.readline())["value"] == 2 * value
         if isinstance(address, Path):
             assert stat.S_IMODE(address.stat().st_mode) == 0o600
-            with pytest.raises(InvalidOptionError, match="cannot listen"):
+            with pytest.raises(InvalidOptionError) as error:
                 serve_socket(_answer, address)
+            assert error.value.option == "port"
     if isinstance(address, Path):
         assert not address.exists()
         stale = socket.socket(socket.AF_UNIX)  # of a process that was killed
@@ -156,5 +157,6 @@ def test_many_clients_are_answered_that_there_are_many() -> None:
 
 @pytest.mark.parametrize("address", [70_000, -1, Path("/nowhere/touch.sock"), Path("x" * 200)])
 def test_an_address_that_cannot_be_used_is_one_sentence(address: int | Path) -> None:
-    with pytest.raises(InvalidOptionError, match="cannot listen"):
+    with pytest.raises(InvalidOptionError) as error:
         serve_socket(_answer, address)
+    assert error.value.option == "port"

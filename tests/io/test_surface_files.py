@@ -108,23 +108,20 @@ def _ply(vertices: str, faces: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("content", "reason"),
+    "content",
     [
-        ("solid", "PLY"),
-        (_ply("0 0 0\n1 0 0\n0 1 0\n", "3 0 1 2\n")[:-12], "PLY"),
-        (_ply("0 0 0\n", "").replace("vertex 1", "vertex 99999999999999"), "PLY"),
-        (
-            _ply("0 0 0 -1\n1 0 0 1\n0 1 0 1\n", "3 0 1 2\n").replace(
-                "double z", "double z\nproperty double uncertainty"
-            ),
-            "uncertainty",
+        "solid",
+        _ply("0 0 0\n1 0 0\n0 1 0\n", "3 0 1 2\n")[:-12],
+        _ply("0 0 0\n", "").replace("vertex 1", "vertex 99999999999999"),
+        _ply("0 0 0 -1\n1 0 0 1\n0 1 0 1\n", "3 0 1 2\n").replace(
+            "double z", "double z\nproperty double uncertainty"
         ),
-        (_ply("0 0 0\n1 0 0\n0 1 0\n", ""), "no faces"),
-        (_ply("0 0 0\n1 0 0\n0 1 0\n", "3 0 1 3\n"), "vertex index"),
-        (_ply("0 0 0\n1 0 0\n0 1 0\n", "3 0 1 -1\n"), "vertex index"),
-        (_ply("0 0 0\n1 0 0\n1 1 0\n0 1 0\n", "4 0 1 2 3\n"), "triangles only"),
-        (_ply("0 0 0\n1 0 nan\n0 1 0\n", "3 0 1 2\n"), "finite"),
-        (_ply("0 0 0\n1 0 0\n0 1 0\n", "3 0 1 2\n").replace("double z", "double w"), "no x y z"),
+        _ply("0 0 0\n1 0 0\n0 1 0\n", ""),
+        _ply("0 0 0\n1 0 0\n0 1 0\n", "3 0 1 3\n"),
+        _ply("0 0 0\n1 0 0\n0 1 0\n", "3 0 1 -1\n"),
+        _ply("0 0 0\n1 0 0\n1 1 0\n0 1 0\n", "4 0 1 2 3\n"),
+        _ply("0 0 0\n1 0 nan\n0 1 0\n", "3 0 1 2\n"),
+        _ply("0 0 0\n1 0 0\n0 1 0\n", "3 0 1 2\n").replace("double z", "double w"),
     ],
     ids=[
         "not a PLY",
@@ -139,35 +136,38 @@ def _ply(vertices: str, faces: str) -> str:
         "no z",
     ],
 )
-def test_a_file_without_a_surface_is_refused(content: str, reason: str, tmp_path: Path) -> None:
+def test_a_file_without_a_surface_is_refused(content: str, tmp_path: Path) -> None:
     path = tmp_path / "surface.ply"
     path.write_text(content)
-    with pytest.raises(InvalidFileError, match=reason) as error:
+    with pytest.raises(InvalidFileError) as error:
         load_surface(path)
     assert error.value.path == path
 
 
 def test_another_ending_is_refused(mesh: trimesh.Trimesh, tmp_path: Path) -> None:
-    with pytest.raises(InvalidFileError, match="end in"):
+    with pytest.raises(InvalidFileError) as error:
         save_surface(mesh, tmp_path / "surface.stl")
-    with pytest.raises(InvalidFileError, match="end in"):
+    assert error.value.path == tmp_path / "surface.stl"
+    with pytest.raises(InvalidFileError) as error:
         load_surface(tmp_path / "surface.stl")
+    assert error.value.path == tmp_path / "surface.stl"
 
 
 def test_a_folder_that_cannot_be_made_is_refused(mesh: trimesh.Trimesh, tmp_path: Path) -> None:
     (tmp_path / "nowhere").write_text("a file")
-    with pytest.raises(InvalidFileError, match="cannot write"):
+    with pytest.raises(InvalidFileError) as error:
         save_surface(mesh, tmp_path / "nowhere" / "surface.ply")
+    assert error.value.path == tmp_path / "nowhere" / "surface.ply"
 
 
 def test_an_invalid_mesh_is_not_written(mesh: trimesh.Trimesh, tmp_path: Path) -> None:
     path = tmp_path / "surface.ply"
     mesh.vertex_attributes["uncertainty"] = np.zeros(3)
-    with pytest.raises(InvalidMeshError, match="uncertainty"):
+    with pytest.raises(InvalidMeshError):
         save_surface(mesh, path)
-    with pytest.raises(InvalidMeshError, match="triangles"):
+    with pytest.raises(InvalidMeshError):
         save_surface(trimesh.Trimesh(np.zeros((3, 3)), process=False), path)
-    with pytest.raises(InvalidMeshError, match="finite"):
+    with pytest.raises(InvalidMeshError):
         save_surface(trimesh.Trimesh(np.full((3, 3), np.nan), [[0, 1, 2]], process=False), path)
     assert not path.exists()
 
@@ -182,5 +182,6 @@ def test_a_ply_that_announces_more_rows_than_bytes_is_refused(tmp_path: Path) ->
         "end_header",
     )
     path.write_text("\n".join(lines) + "\n0\n")
-    with pytest.raises(InvalidFileError, match="announces 2000000000 rows"):
+    with pytest.raises(InvalidFileError) as error:
         load_surface(path)
+    assert error.value.path == path

@@ -39,7 +39,7 @@ def test_plain_values_aliases_and_merged_mappings_are_read(tmp_path: Path) -> No
     ],
 )
 def test_other_content_is_refused_in_a_sentence(tmp_path: Path, text: str, reason: str) -> None:
-    with pytest.raises(InvalidFileError, match=f"cannot be read as YAML .*{reason}"):
+    with pytest.raises(InvalidFileError, match=reason):
         _read(tmp_path, text)
 
 

@@ -290,7 +290,7 @@ def test_slow_topics_of_poses_are_named(recording: Recording, tmp_path: Path) ->
     for row in (row for k, row in enumerate(cells) if k % 100):  # a pose every 0.5 s
         row[4:7] = ["", "", ""]
     (tmp_path / "log.csv").write_text("\n".join([head, *map(",".join, cells)]))
-    with pytest.raises(InvalidInputError, match=r"0.25 s is needed: tip has a pose every 0.5 s"):
+    with pytest.raises(InvalidInputError, match="tip has a pose every 0.5 s"):
         contacts_from_log(
             open_log(tmp_path / "log.csv"), [Finger()], LogFrames(object_pose="object"), TOUCH
         )
@@ -338,25 +338,26 @@ def test_frames_that_nothing_connects_are_said(recording: Recording, tmp_path: P
     pytest.importorskip("rosbags")
     log = open_log(write_bag(recording, tmp_path / "log.bag", "ros1"))
     frames = LogFrames(object_pose="/object", tip_frame="base")
-    with pytest.raises(InvalidInputError, match="no chain of transforms connects .*'base'"):
+    with pytest.raises(InvalidInputError, match="'base'"):
         contacts_from_log(log, [Finger()], frames, TOUCH)
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content"),
     [
-        ("log.csv", "time,x,y,z\n0,1,2,3\n", "needs the columns time, fx,fy,fz or force"),
-        ("log.bag", "nonsense", "cannot be read as a ROS bag"),
-        ("log.mcap", "nonsense", "cannot be read as a ROS bag"),
-        ("log.txt", "nonsense", "logs end in .bag, .mcap, .db3 or .csv"),
+        ("log.csv", "time,x,y,z\n0,1,2,3\n"),
+        ("log.bag", "nonsense"),
+        ("log.mcap", "nonsense"),
+        ("log.txt", "nonsense"),
     ],
 )
-def test_unreadable_logs_are_refused(name: str, content: str, said: str, tmp_path: Path) -> None:
+def test_unreadable_logs_are_refused(name: str, content: str, tmp_path: Path) -> None:
     if name.endswith(("bag", "mcap")):
         pytest.importorskip("rosbags")
     (tmp_path / name).write_text(content)
-    with pytest.raises(InvalidFileError, match=said):
+    with pytest.raises(InvalidFileError) as error:
         open_log(tmp_path / name)
+    assert error.value.path == tmp_path / name
     assert main(["contacts", str(tmp_path / name), "--list"]) == 2
 
 
@@ -463,11 +464,12 @@ def test_joint_states_and_a_urdf_give_the_pose_of_the_tip(
     assert_true(contacts, recording)
     turned = log.frames().pose("after_roll", "idle", recording.times[:1])[0]  # follows the yaw
     assert np.arctan2(turned[1, 0], turned[0, 0]) == pytest.approx(-2.0 * joints["yaw"][0])
-    with pytest.raises(InvalidInputError, match="movable joints are along_x, .*; it has none"):
+    with pytest.raises(InvalidInputError, match="along_x, "):
         with_link_frames(open_log(write_csv(recording, tmp_path / "none.csv")), urdf)
     urdf.write_text(re.sub('<axis xyz="[^"]*"', '<axis xyz="0 0 0"', urdf.read_text()))
-    with pytest.raises(InvalidHandError, match=f"^{re.escape(str(urdf))}: joint"):
+    with pytest.raises(InvalidHandError) as error:
         with_link_frames(log, urdf)
+    assert error.value.file == urdf.name
 
 
 def test_links_beyond_a_joint_that_is_not_logged_have_no_pose(

@@ -119,8 +119,9 @@ def test_half_flipped_normals_are_refused_oriented_or_believed_on_request(
     contacts = contacts.subset(np.arange(60) != STRAY)
     signs = np.where(np.random.default_rng(0).random(59) < 0.5, -1.0, 1.0)[:, None]
     replace(contacts, normals=signs * contacts.normals).save(touches)
-    with pytest.raises(TooManyBadContactsError, match="`normals` unsigned"):
+    with pytest.raises(TooManyBadContactsError) as error:
         estimate_file([ContactSource(touches, normals="outward")], touches.parent / "out")
+    assert error.value.count == 59
     source = ContactSource(touches, normals="unsigned")
     made = estimate_file([source], touches.parent / "out")
     np.testing.assert_allclose(1e3 * made.mesh.extents, [60.0, 50.0, 40.0], atol=0.2)
@@ -130,9 +131,11 @@ def test_half_flipped_normals_are_refused_oriented_or_believed_on_request(
     refused = capsys.readouterr()
     assert (refused.out, "--keep-all" in refused.err) == ("", True)
     assert main([*command, "--keep-all"]) == 0
-    with pytest.raises(TooManyBadContactsError, match="keep_all"):
+    with pytest.raises(TooManyBadContactsError) as error:
         estimate(Contacts.load(touches), "gpis")
+    assert error.value.count == 59
     assert estimate(Contacts.load(touches), "gpis", keep_all=True).bounds.shape == (2, 3)
     away = ContactSource(touches, viewpoint=[0.0, 0.0, 1.0])
-    with pytest.raises(InvalidContactsError, match="viewpoint must see the contacts"):
+    with pytest.raises(InvalidContactsError) as error:
         estimate_file([away], touches.parent / "view")  # a closed object is not seen from there
+    assert error.value.field == "viewpoint"

@@ -22,12 +22,14 @@ def _file_with(tmp_path: Path, **facts: object) -> Path:
 def test_a_fact_of_another_type_is_refused_by_its_name(
     tmp_path: Path, name: str, value: object
 ) -> None:
-    with pytest.raises(InvalidFileError, match=f"header: {name}[][0-9]* must"):
+    with pytest.raises(InvalidFileError) as error:
         read_facts(_file_with(tmp_path, **{name: value}))
+    assert error.value.field.split("[")[0] == name
     log = tmp_path / "touches.jsonl"
     log.write_text(json.dumps({"touch_log": 1, name: value}) + "\n")
-    with pytest.raises(InvalidFileError, match=f"header: {name}[][0-9]* must|cannot be read"):
+    with pytest.raises(InvalidFileError) as error:
         read_touches(log)
+    assert error.value.path == log
 
 
 def test_every_option_of_a_run_has_a_type_in_headers() -> None:

@@ -244,8 +244,9 @@ def test_recorded_files_are_found_from_another_folder(
     assert (facts["hand"], facts["arm"]) == ("wsg50", "iiwa14")
     (tmp_path / "part.stl").unlink()
     facts = read_facts(results / "grasps.json")
-    with pytest.raises(InvalidFileError, match=rf"no file part.stl in {elsewhere}: .*its option"):
+    with pytest.raises(InvalidFileError) as error:
         shapes.find(facts["object"])
+    assert error.value.path == Path("part.stl")
 
 
 def test_changed_facts_of_a_log_are_listed(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from numpy.testing import assert_array_equal
 from scenes import Told
@@ -71,12 +73,14 @@ def test_results_read_back_are_those_of_the_run(results: tuple[Run, list[str]]) 
 
 
 def test_a_folder_without_results_is_refused(tmp_path) -> None:
-    with pytest.raises(InvalidFileError, match="no results"):
+    with pytest.raises(InvalidFileError) as error:
         Run.load(tmp_path)
+    assert error.value.path == tmp_path
     (tmp_path / "report.json").write_text("{}")
     for mistaken in (None, tmp_path / "report.json"):
-        with pytest.raises(InvalidFileError, match="has no results.*name a folder"):
+        with pytest.raises(InvalidFileError) as error:
             Run.load(mistaken)
+        assert error.value.path == Path(str(mistaken))
 
 
 def test_a_run_without_a_contact_is_an_error(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -41,15 +41,15 @@ from lis_grasp.task.task import PARTS, Task, task_options
 def test_a_value_out_of_its_range_or_type_names_its_field(name: str, values: tuple[Any]) -> None:
     needed = {"base": {"arm": "iiwa14"}, "region": {"pose": "stable"}}.get(name, {})
     for value in values:
-        with pytest.raises(InvalidOptionError, match=f"^{name} must be") as error:
+        with pytest.raises(InvalidOptionError) as error:
             RunConfig(**{**needed, name: value})
         assert error.value.option == name
 
 
 def test_a_hand_or_arm_that_no_name_stands_for_is_refused() -> None:
-    with pytest.raises(InvalidHandError, match="'alegro' is neither: did you mean 'allegro'"):
+    with pytest.raises(InvalidHandError, match="'allegro'"):
         RunConfig(hand="alegro")
-    with pytest.raises(InvalidInputError, match="'iiwa15' is neither: did you mean 'iiwa14'"):
+    with pytest.raises(InvalidInputError, match="'iiwa14'"):
         RunConfig(arm="iiwa15")
     assert RunConfig(hand=Path("elsewhere/now.yaml")).hand == "elsewhere/now.yaml"
 
@@ -63,10 +63,12 @@ def test_slides_are_refused_where_none_would_be_made(
     config = RunConfig("box", hand="wsg50", slide=0.02, **moving)  # `next` reads such facts
     folder = tmp_path / "results"
     for run in (pipeline.run, pipeline.explore_object):
-        with pytest.raises(InvalidOptionError, match="^slide needs a fixed object"):
+        with pytest.raises(InvalidOptionError) as error:
             run(config, folder)
-    with pytest.raises(InvalidOptionError, match="^slide needs a fixed object"):
+        assert error.value.option == "slide"
+    with pytest.raises(InvalidOptionError) as error:
         explore("box", "wsg50", slide=0.02, **moving)
+    assert error.value.option == "slide"
     assert not folder.exists()
 
 
@@ -104,12 +106,15 @@ def test_numbers_of_a_stage_on_files_are_checked(tmp_path: Path) -> None:
     shapes.find("box").mesh.export(tmp_path / "box.stl")
     grasps = pipeline.grasp_file(tmp_path / "box.stl", hand="wsg50", grasps=1).path
     for options in ({"best": None}, {"best": 0}, {"jobs": 0}):
-        with pytest.raises(InvalidOptionError, match="must be"):
+        with pytest.raises(InvalidOptionError) as error:
             pipeline.lift_file(grasps, object="box", **options)
-    with pytest.raises(InvalidOptionError, match="^support must be"):
+        assert error.value.option in options
+    with pytest.raises(InvalidOptionError) as error:
         pipeline.grasp_file(tmp_path / "box.stl", support=np.nan)
-    with pytest.raises(InvalidOptionError, match="records no object"):
+    assert error.value.option == "support"
+    with pytest.raises(InvalidOptionError) as error:
         pipeline.lift_file(grasps)
+    assert error.value.option == "object"
 
 
 def test_the_help_of_grasps_says_how_many_follow_a_failure() -> None:

@@ -97,9 +97,9 @@ def test_an_object_below_the_fingertips_that_search_for_it_is_named(tmp_path: Pa
     card = trimesh.creation.box((0.0856, 0.054, 0.0008))
     card.export(tmp_path / "card.stl")
     config = RunConfig(**UNKNOWN, object=str(tmp_path / "card.stl"), hand="wsg50", touches=10)
-    with pytest.raises(EstimationError, match=r"0.8 mm high, and fingertips .* stay 1.5 mm above"):
+    with pytest.raises(EstimationError, match="0.8 mm high, .*1.5 mm"):
         run(config, folder=tmp_path / "card")
-    with pytest.raises(EstimationError, match="0.8 mm high where it was touched, too low"):
+    with pytest.raises(EstimationError, match="0.8 mm high"):
         run(RunConfig(config.object, hand="wsg50", touches=10, prober="kinematic"), tmp_path / "b")
 
 
@@ -115,8 +115,9 @@ def test_the_summary_says_when_the_object_was_found() -> None:
 
 
 def test_an_object_in_a_region_needs_a_pose() -> None:
-    with pytest.raises(InvalidOptionError, match="pose"):
+    with pytest.raises(InvalidOptionError) as error:
         RunConfig(region=(0.4, 0.4, 0.3))
+    assert error.value.option == "pose"
 
 
 def test_an_ideal_sensor_is_the_default_of_the_records() -> None:

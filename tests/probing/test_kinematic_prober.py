@@ -221,5 +221,5 @@ def test_the_wall_of_a_bore_is_touched_by_a_finger_along_the_bore() -> None:
 
 def test_an_open_mesh_is_refused(hand: Hand) -> None:
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.05)
-    with pytest.raises(InvalidMeshError, match="watertight"):
+    with pytest.raises(InvalidMeshError):
         KinematicProber(hand, trimesh.Trimesh(ball.vertices, ball.faces[:-1]))

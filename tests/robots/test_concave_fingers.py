@@ -78,7 +78,7 @@ def test_a_concave_link_collides_as_parts_that_leave_its_concavity_free(angular_
 
 
 def test_convex_parts_of_a_link_that_the_hand_lacks_are_refused(angular_jaw: Path) -> None:
-    with pytest.raises(InvalidHandError, match="convex_parts") as caught:
+    with pytest.raises(InvalidHandError) as caught:
         read_description(angular_jaw, DescriptionEdits(convex_parts=("thumb",)))
     assert caught.value.key == "convex_parts"
 

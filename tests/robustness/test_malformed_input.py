@@ -129,8 +129,9 @@ def test_normals_whose_length_overflows_are_refused_without_a_warning() -> None:
 @every_estimator
 @pytest.mark.parametrize("option", ["position_noise", "normal_noise"])
 def test_huge_options_are_refused(name: str, option: str) -> None:
-    with pytest.raises(InvalidOptionError, match=f"{option} must be at least 0 and at most"):
+    with pytest.raises(InvalidOptionError) as error:
         ESTIMATORS[name](sphere_contacts(9, np.random.default_rng(0)), **{option: 1e300})
+    assert error.value.option == option
 
 
 @every_estimator
@@ -151,7 +152,8 @@ def test_the_gradient_on_a_contact_s_axis_is_finite() -> None:
 
 
 def test_a_gaussian_process_takes_many_contacts() -> None:
-    contacts = sphere_contacts(20_000, np.random.default_rng(0))
+    # The equations of all would take 8 GB.
+    contacts = sphere_contacts(8000, np.random.default_rng(0))
     values = ESTIMATORS["gpis"](contacts).evaluate(contacts.points[::100])
     assert np.abs(values).max() < 1e-3 * contacts.extent
 
@@ -164,7 +166,7 @@ def test_bodies_that_are_all_flat_are_refused(tmp_path: Path) -> None:
     other = sheet.copy()
     other.apply_translation([0.2, 0.0, 0.0])
     (sheet + other).export(tmp_path / "sheets.ply")
-    with pytest.raises(InvalidMeshError, match="encloses no volume"):
+    with pytest.raises(InvalidMeshError):
         shapes.load(tmp_path / "sheets.ply")
 
 
@@ -174,13 +176,13 @@ def test_loose_triangles_are_refused_at_once(tmp_path: Path) -> None:
     corners = corners + 1e-5 * np.random.default_rng(0).standard_normal(corners.shape)
     loose = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
     loose.export(tmp_path / "loose.ply")
-    with pytest.raises(InvalidMeshError, match="5120 holes, as loose triangles do"):
+    with pytest.raises(InvalidMeshError, match="5120 holes"):
         shapes.load(tmp_path / "loose.ply")
 
 
 def test_huge_vertices_are_refused_without_a_warning(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1e308 0 0\nv 0 -1e308 0\nf 1 2 3\n")
-    with pytest.raises(InvalidMeshError, match="no finite numbers, or far beyond"):
+    with pytest.raises(InvalidMeshError):
         shapes.load(tmp_path / "a.obj")
 
 
@@ -199,7 +201,7 @@ def test_obstacles_with_vertices_that_are_no_numbers_are_refused(tmp_path: Path)
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1e308 nan 0\nf 1 2 3\n")
     assert load_obstacles(path).bounds == pytest.approx(np.array([[0, 0, 0], [1, 1, 0]]))
     path.write_text(path.read_text().replace("f 1", "f 4"))
-    with pytest.raises(InvalidMeshError, match="within"):
+    with pytest.raises(InvalidMeshError):
         load_obstacles(path)
 
 
@@ -260,36 +262,38 @@ def test_an_invalid_mesh_scale_is_refused(scale: str, message: str, tmp_path: Pa
 
 @pytest.mark.parametrize("group", ["urdf", "sdf"])
 @pytest.mark.parametrize(
-    ("content", "message"),
+    ("content", "named"),
     [
-        ('<!DOCTYPE r [<!ENTITY a "ha">]><robot name="&a;"/>', "must not declare XML entities"),
-        ('<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]><r>&a;</r>', "must not declare"),
-        ("<a>" * 100_000, "not valid XML"),
-        ("<robot", "not valid XML"),
+        ('<!DOCTYPE r [<!ENTITY a "ha">]><robot name="&a;"/>', "entities"),
+        ('<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]><r>&a;</r>', "entities"),
+        ("<a>" * 100_000, "XML"),
+        ("<robot", "XML"),
     ],
 )
 def test_xml_with_entities_or_deep_nesting_is_refused(
-    group: str, content: str, message: str, tmp_path: Path
+    group: str, content: str, named: str, tmp_path: Path
 ) -> None:
     hand, model = hand_files(tmp_path, group)
     model.write_text(content)
-    with pytest.raises(InvalidHandError, match=message):
+    with pytest.raises(InvalidHandError, match=named) as error:
         Hand.load(hand)
+    assert (error.value.file, error.value.key) == (hand.name, "urdf")
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    "content",
     [
-        ("[" * 500, "cannot be read as YAML"),
-        ("name: " + "9" * 5000, "cannot be read as YAML"),
-        ("name: 2001-99-99", "cannot be read as YAML"),
+        "[" * 500,
+        "name: " + "9" * 5000,
+        "name: 2001-99-99",
     ],
 )
-def test_yaml_that_cannot_be_parsed_is_refused(content: str, message: str, tmp_path: Path) -> None:
+def test_yaml_that_cannot_be_parsed_is_refused(content: str, tmp_path: Path) -> None:
     path = tmp_path / "hand.yaml"
     path.write_text(content)
-    with pytest.raises(InvalidHandError, match=message):
+    with pytest.raises(InvalidHandError) as error:
         Hand.load(path)
+    assert (error.value.file, error.value.key) == (path.name, "")
     with pytest.raises(InvalidFileError) as error:
         load_study(path)
     assert error.value.path == path
@@ -311,7 +315,7 @@ def test_a_direction_whose_length_underflows_is_refused(number: float, tmp_path:
     hand, _ = hand_files(tmp_path, "urdf")
     content = yaml.safe_load(hand.read_text())
     hand.write_text(yaml.safe_dump(content | {"approach": [0, 0, number]}))
-    with pytest.raises(InvalidHandError, match="must not be zero") as error:
+    with pytest.raises(InvalidHandError) as error:
         Hand.load(hand)
     assert error.value.key == "approach"
 
@@ -451,8 +455,9 @@ def test_a_page_says_which_report_lacks_what_it_shows(key: str, tmp_path: Path) 
 def test_a_huge_cell_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "contacts.csv"
     path.write_text("x,y,z,nx,ny,nz\n" + "1" * 200_000 + ",0,0,0,0,1\n")
-    with pytest.raises(InvalidFileError, match="cannot be read as CSV"):
+    with pytest.raises(InvalidFileError) as error:
         Contacts.load(path)
+    assert error.value.path == path
 
 
 @pytest.mark.parametrize("step", [5, pytest.param(1, marks=pytest.mark.slow)])
@@ -479,8 +484,10 @@ def test_a_log_of_other_values_is_refused(name: str, value: object, tmp_path: Pa
     TouchLog(path, {}).append(Observation(ProbeOutcome(probe, "touched", contacts)))
     header, row = path.read_text().splitlines()
     path.write_text(f"{header}\n{json.dumps(json.loads(row) | {name: value})}\n")
-    with pytest.raises(InvalidFileError, match="no valid probe in line 2"):
+    with pytest.raises(InvalidFileError) as error:
         load_outcomes(path)
+    assert error.value.path == path
+    assert error.value.field.split("[")[0] == name
 
 
 @pytest.mark.parametrize("line", ["{", "[]", "7", "[" * 200_000, '{"a": ' + "9" * 5000 + "}"])
@@ -488,7 +495,7 @@ def test_the_damaged_line_of_a_log_is_named(line: str, tmp_path: Path) -> None:
     path = READERS["touches.jsonl"].write(tmp_path)
     rows = path.read_text().splitlines()
     path.write_text("\n".join([*rows[:3], line, *rows[4:]]) + "\n")
-    with pytest.raises(InvalidFileError, match=r"line 4 is none\): restore it from a copy"):
+    with pytest.raises(InvalidFileError, match="line 4 "):
         load_outcomes(path)
 
 
@@ -496,8 +503,9 @@ def test_the_damaged_line_of_a_log_is_named(line: str, tmp_path: Path) -> None:
 def test_json_that_cannot_be_parsed_is_refused(line: str, tmp_path: Path) -> None:
     path = tmp_path / "touches.jsonl"
     path.write_text(line + "\n")
-    with pytest.raises(InvalidFileError, match="one JSON object a line"):
+    with pytest.raises(InvalidFileError) as error:
         load_outcomes(path)
+    assert error.value.path == path
     assert parse("lis_grasp " + line) == {}
     grasps = tmp_path / "grasps.json"
     grasps.write_text(line)
@@ -509,5 +517,6 @@ def test_json_that_cannot_be_parsed_is_refused(line: str, tmp_path: Path) -> Non
     text = contacts.read_text()
     assert '["thumb"]' in text
     contacts.write_text(text.replace('["thumb"]', line))
-    with pytest.raises(InvalidFileError, match="list of names"):
+    with pytest.raises(InvalidFileError) as error:
         Contacts.load(contacts)
+    assert error.value.path == contacts

@@ -34,5 +34,6 @@ def test_masses_of_the_ycb_set_are_those_of_household_objects() -> None:
 def test_friction_is_above_0_and_at_most_100(friction: float) -> None:
     LoadPrior(friction=100.0)
     for make in (lambda f: LoadPrior(friction=f), lambda f: require_load(mass=1.0, friction=f)):
-        with pytest.raises(InvalidOptionError, match="^friction must be"):
+        with pytest.raises(InvalidOptionError) as error:
             make(friction)
+        assert error.value.option == "friction"

@@ -16,6 +16,7 @@ from plyfile import PlyData, PlyElement
 from lis_grasp import shapes
 from lis_grasp.exceptions import InvalidFileError, InvalidMeshError, InvalidOptionError
 from lis_grasp.io._mesh_text import triangulate
+from lis_grasp.io.limits import ReadError
 from lis_grasp.robots.link_bodies import load_link_mesh
 from lis_grasp.typing import FloatArray
 
@@ -119,7 +120,7 @@ def test_polygons_keep_their_outline_wherever_they_begin(
 
 
 def test_a_polygon_whose_outline_crosses_itself_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="crosses itself"):
+    with pytest.raises(ReadError):
         triangulate(np.array([[0, 0, 0], [2, 2, 0], [2, 0, 0], [0, 1, 0]], float), [[0, 1, 2, 3]])
 
 
@@ -186,8 +187,9 @@ def test_a_binary_stl_must_have_as_many_triangles_as_it_announces(
     if count == 10:  # what follows is of another program, but two faces are missing then
         assert "closed" in shapes.load(tmp_path / "a.stl").repairs[0]
         return
-    with pytest.raises(InvalidFileError, match=f"announces {count} triangles, and has .* for 12"):
+    with pytest.raises(InvalidFileError) as error:
         shapes.load(tmp_path / "a.stl")
+    assert error.value.path == tmp_path / "a.stl"
 
 
 @pytest.mark.parametrize(
@@ -207,8 +209,9 @@ def test_texts_of_stl_are_read_whatever_wrote_them(old: bytes, new: bytes, tmp_p
     path.write_bytes(text.replace(old, new, 1 if old == b"solid" else -1))
     assert shapes.load(path).mesh.volume == pytest.approx(6e-5)
     path.write_bytes(text[: text.rindex(b"vertex")])
-    with pytest.raises(InvalidFileError, match="cut off within facet 12"):
+    with pytest.raises(InvalidFileError) as error:
         shapes.load(path)
+    assert error.value.path == path
 
 
 def test_a_binary_stl_may_have_bytes_after_the_last_triangle(tmp_path: Path) -> None:
@@ -232,8 +235,9 @@ def test_the_axis_upwards_is_given_where_the_format_has_none(ending: str, tmp_pa
     turned = shapes.load(path, up="y")
     np.testing.assert_allclose(turned.mesh.extents, (0.04, 0.12, 0.05))
     assert turned.repairs == ()
-    with pytest.raises(InvalidOptionError, match="must be one of z, y"):
+    with pytest.raises(InvalidOptionError) as error:
         shapes.load(path, up="x")
+    assert (error.value.option, error.value.value) == ("up", "x")
 
 
 def test_gltf_is_in_metres_with_y_up_and_options_must_agree(tmp_path: Path) -> None:
@@ -243,10 +247,10 @@ def test_gltf_is_in_metres_with_y_up_and_options_must_agree(tmp_path: Path) -> N
         np.testing.assert_allclose(
             shapes.load(path, **options).mesh.extents, (0.04, 0.12, 0.05), rtol=1e-6
         )
-    with pytest.raises(InvalidOptionError, match="units must be m, as") as error:
+    with pytest.raises(InvalidOptionError) as error:
         shapes.load(path, units="mm")
     assert error.value.option == "units"
-    with pytest.raises(InvalidOptionError, match="up must be y") as error:
+    with pytest.raises(InvalidOptionError) as error:
         shapes.load(path, up="z")
     assert error.value.option == "up"
 
@@ -285,14 +289,16 @@ def test_units_and_placements_of_3mf_are_used(
     assert shape.mesh.volume == pytest.approx(2 * 0.04 * 0.05 * 0.06)
     assert "as the file states" in shape.repairs[0]
     assert load_link_mesh(path, None).extents == pytest.approx((0.05, 0.24, 0.06))
-    with pytest.raises(InvalidOptionError, match="units must be"):
+    with pytest.raises(InvalidOptionError) as error:
         shapes.load(path, units="m")
+    assert (error.value.option, error.value.value) == ("units", "m")
     write(model.replace("<model ", '<model xmlns:b="http://x/beamlattice" requiredextensions="b" '))
-    with pytest.raises(InvalidFileError, match="requires the extension http://x/beamlattice"):
+    with pytest.raises(InvalidFileError, match="beamlattice"):
         shapes.load(path)
     write(model.replace('objectid="1"/>', 'objectid="2"/>'))
-    with pytest.raises(InvalidFileError, match="inside of themselves"):
+    with pytest.raises(InvalidFileError) as error:
         shapes.load(path)
+    assert error.value.path == path
 
 
 @pytest.mark.parametrize(("axis", "extents"), [("Y", (40, 120, 50)), ("X", (50, 120, 40))])
@@ -314,7 +320,7 @@ def test_parts_of_collada_that_are_not_read_are_named(kind: str, tmp_path: Path)
     path = tmp_path / "a.dae"
     _dae(path, _block().vertices, _block().faces.tolist())
     path.write_text(path.read_text().replace("</mesh>", f"<{kind} count='0'/></mesh>"))
-    with pytest.raises(InvalidFileError, match=f"it has {kind}, which are not read"):
+    with pytest.raises(InvalidFileError, match=kind):
         shapes.load(path)
 
 
@@ -398,4 +404,4 @@ def test_other_content_is_named_with_what_to_do(
     path.write_bytes(content)
     with pytest.raises(InvalidFileError, match=said) as error:
         shapes.load(path)
-    assert str(path) in str(error.value)
+    assert error.value.path == path

@@ -257,5 +257,5 @@ def test_a_hand_without_probe_posture_and_an_open_mesh_are_refused(
         DynamicProber(replace(hand, probe_postures={}), coarse_ball)
     assert error.value.key == "probe_postures"
     open_ball = trimesh.Trimesh(coarse_ball.vertices, coarse_ball.faces[:-1])
-    with pytest.raises(InvalidMeshError, match="watertight"):
+    with pytest.raises(InvalidMeshError):
         DynamicProber(hand, open_ball)

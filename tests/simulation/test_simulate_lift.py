@@ -292,7 +292,7 @@ def test_an_open_mesh_is_refused(wsg50: Hand) -> None:
     mesh = box_mesh()
     mesh.update_faces(np.arange(len(mesh.faces)) > 0)
     grasp = jaw_grasp(wsg50, np.zeros(3), 0.05)
-    with pytest.raises(InvalidMeshError, match="watertight"):
+    with pytest.raises(InvalidMeshError):
         lift(mesh, wsg50, grasp)
 
 

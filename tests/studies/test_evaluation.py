@@ -132,14 +132,16 @@ def test_an_evaluation_continues_from_parquet_files_alone_without_loss(
     assert not Configuration.model_construct(parts={"first": empty}).ordered(stored.read())
     stored.lines.path.unlink()
     monkeypatch.setattr(results, "__version__", "9.9.9")
-    with pytest.raises(InvalidFileError, match=r"9\.9\.9"):
+    with pytest.raises(InvalidFileError) as error:
         stored.read()
+    assert error.value.path == tmp_path / "rows"
     rows = stored.read(any_version=True)
     with (
-        pytest.raises(InvalidFileError, match="lack"),
+        pytest.raises(InvalidFileError) as error,
         evaluate._known_columns([row | {"version": "1.0.0"} for row in rows], tmp_path),
     ):
         rows[0]["lifted"]
+    assert error.value.path == tmp_path
     with pytest.raises(KeyError), evaluate._known_columns(rows, tmp_path):
         rows[0]["lifted"]  # an error of our own
 
@@ -353,23 +355,26 @@ def test_memory_of_a_command_is_not_that_of_the_process_that_starts_it(tmp_path:
 
 def test_mistakes_are_named(tmp_path: Path) -> None:
     file = tmp_path / "c.yaml"
-    for text, word in (
-        (TINY.replace("seconds: 3", "seconds: 0"), "seconds"),
-        (TINY.replace("measure: lies", "measure: truths"), "truths"),
-        (TINY.replace("part: 10", "parts: 10"), "parts"),
-        (TINY.replace("  lies:", "  ../lies:"), "lies"),
+    for text, field in (
+        (TINY.replace("seconds: 3", "seconds: 0"), "parts.paper.paper.seconds"),
+        (TINY.replace("measure: lies", "measure: truths"), "parts.lies.measure"),
+        (TINY.replace("part: 10", "parts: 10"), "parts.lies.lies.part"),
+        (TINY.replace("  lies:", "  ../lies:"), "parts.../lies.[key]"),
         ("parts: {}", "parts"),
-        ("[]", "configuration"),
+        ("[]", ""),
     ):
         file.write_text(text)
-        with pytest.raises(InvalidFileError, match=word):
+        with pytest.raises(InvalidFileError) as error:
             Configuration.load(file)
+        assert (error.value.path, error.value.field) == (file, field)
     file.write_text(TINY)
-    with pytest.raises(InvalidOptionError, match="grasp"):
+    with pytest.raises(InvalidOptionError) as error:
         call(str(file), "--parts", "grasp")
+    assert (error.value.option, error.value.value) == ("--parts", "grasp")
     for option, value in (("--hours", "0"), ("--meshes", "no"), ("--beside", str(tmp_path))):
-        with pytest.raises(InvalidOptionError, match=option):
+        with pytest.raises(InvalidOptionError) as error:
             call(str(file), option, value, "--output", str(tmp_path / "out"))
+        assert error.value.option == option
 
 
 @pytest.mark.slow

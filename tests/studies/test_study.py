@@ -165,13 +165,13 @@ def test_an_error_in_a_study_names_the_option(facts: dict, option: str) -> None:
     with pytest.raises(InvalidOptionError) as error:
         Study.from_facts(facts)
     assert error.value.option == option
-    assert option in str(error.value)
 
 
 def test_unknown_names_of_objects_and_hands_are_errors() -> None:
-    with pytest.raises(InvalidOptionError, match="'bx'"):
+    with pytest.raises(InvalidOptionError) as error:
         Study.from_facts({"objects": ["bx"]})
-    with pytest.raises(InvalidHandError, match="claw"):
+    assert (error.value.option, error.value.value) == ("object", "bx")
+    with pytest.raises(InvalidHandError):
         Study.from_facts({"hands": ["claw"]})
 
 
@@ -284,8 +284,9 @@ def test_test_objects_are_known_by_name_in_a_size_that_a_hand_can_grasp() -> Non
     (row,) = named_rows(Job(trial, ("gpis",)))
     assert row["object_digest"] is None
     assert job_of(row).trial == trial
-    with pytest.raises(InvalidOptionError, match="no_such_thing"):
+    with pytest.raises(InvalidOptionError) as error:
         dataclasses.replace(SMALL, objects=("no_such_thing",))
+    assert (error.value.option, error.value.value) == ("object", "no_such_thing")
 
 
 def test_a_row_is_repeated_only_with_the_same_file(tmp_path: Path) -> None:
@@ -386,8 +387,9 @@ def test_rows_of_two_files_of_one_name_are_an_error(tmp_path: Path) -> None:
         block = exported_block(tmp_path / "here", size=size)
         study = dataclasses.replace(SMALL, objects=(str(block),))
         run(study, tmp_path, runner=named_rows)
-    with pytest.raises(InvalidFileError, match=r"two of block\.stl"):
+    with pytest.raises(InvalidFileError) as error:
         StudyResults(tmp_path).alike(study)
+    assert error.value.path == tmp_path
 
 
 def test_a_row_with_a_mapping_in_place_of_a_name_is_refused(tmp_path: Path) -> None:
@@ -395,7 +397,7 @@ def test_a_row_with_a_mapping_in_place_of_a_name_is_refused(tmp_path: Path) -> N
     header, first, *rest = (tmp_path / "rows.jsonl").read_text().splitlines()
     damaged = json.dumps(json.loads(first) | {"object": {}})
     (tmp_path / "rows.jsonl").write_text("\n".join([header, damaged, *rest, ""]))
-    with pytest.raises(InvalidFileError, match=json.loads(first)["key"]) as error:
+    with pytest.raises(InvalidFileError) as error:
         StudyResults(tmp_path).alike(SMALL)
     assert error.value.path == tmp_path
 
@@ -468,8 +470,9 @@ def test_rows_of_another_version_are_errors_before_the_work_and_as_they_come(
     def outdated(job: Job) -> list[Row]:
         return [row | {"version": "0.0.9"} for row in fake_rows(job)]
 
-    with pytest.raises(InvalidFileError, match=r"0\.0\.9"):
+    with pytest.raises(InvalidFileError) as error:
         run(SMALL, tmp_path, runner=outdated)
+    assert error.value.path == tmp_path / "rows.jsonl"
     assert not keys_in(tmp_path)
     run(dataclasses.replace(SMALL, seeds=(0,)), tmp_path)
     run(dataclasses.replace(SMALL, seeds=(0,)), tmp_path / "merged")
@@ -511,7 +514,7 @@ def test_a_trial_whose_file_is_missing_is_tried_again(tmp_path: Path, times: int
     if times == 1:
         run(SMALL, tmp_path, runner=unreadable)
     else:
-        with pytest.raises(EstimationError, match="1 trials failed, .* again; .*box.stl is gone"):
+        with pytest.raises(EstimationError, match="1 trials .*box.stl is gone"):
             run(SMALL, tmp_path, runner=unreadable)
         assert len(StudyResults(tmp_path).missing(SMALL)) == 1
         run(SMALL, tmp_path, runner=unreadable)
@@ -528,15 +531,16 @@ def test_a_damaged_file_is_named(tmp_path: Path) -> None:
     merged.unlink()
     lines = tmp_path / "rows.jsonl"
     sound = lines.read_bytes()
-    for part, damaged, reason in (
-        (b'"key"', b'"kez"', "key is missing"),
-        (b'"touches": ', b'"touches": 0.5', "touches must be"),
-        (b'"mass": 0.2', b'"mass": "0.2"', "mass must be"),
+    for part, damaged, field in (
+        (b'"key"', b'"kez"', "key"),
+        (b'"touches": ', b'"touches": 0.5', "touches"),
+        (b'"mass": 0.2', b'"mass": "0.2"', "mass"),
     ):
         assert part in sound
         lines.write_bytes(sound.replace(part, damaged))
-        with pytest.raises(InvalidFileError, match=reason):
+        with pytest.raises(InvalidFileError) as error:
             StudyResults(tmp_path).read()
+        assert (error.value.path, error.value.field) == (tmp_path, field)
 
 
 def test_a_row_is_found_by_the_beginning_of_its_key(tmp_path: Path) -> None:
@@ -545,9 +549,10 @@ def test_a_row_is_found_by_the_beginning_of_its_key(tmp_path: Path) -> None:
     row = results.of(SMALL)[3]
     assert results.row(row["key"][:8]) == row
     assert row_key(job_of(row).trial, row["estimator"]) == row["key"]
-    for key, count in (("", 16), ("nothing", 0)):
-        with pytest.raises(InvalidOptionError, match=f"{count} rows"):
+    for key in ("", "nothing"):  # of 16 rows, and of none
+        with pytest.raises(InvalidOptionError) as error:
             results.row(key)
+        assert (error.value.option, error.value.value) == ("rerun", key)
 
 
 def forget() -> None:
@@ -603,8 +608,9 @@ def test_a_trial_of_an_unknown_free_object_is_judged_where_the_object_is() -> No
     assert rows[1]["rmsd"] < 1e-9
     assert rows[1]["held"]
     assert {row["conditions"] for row in rows} == {"unknown"}
-    with pytest.raises(InvalidOptionError, match="dynamic prober"):
+    with pytest.raises(InvalidOptionError) as error:
         Setup(conditions="unknown")
+    assert error.value.option == "free"
 
 
 def test_equal_grasp_tasks_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -801,12 +807,12 @@ def test_rows_do_not_depend_on_the_scheduler(
 @pytest.mark.slow
 def test_an_unusable_cluster_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
-    with pytest.raises(InvalidOptionError, match="running Dask scheduler"):
+    with pytest.raises(InvalidOptionError, match="scheduler"):
         run(SMALL, tmp_path, DaskCluster("tcp://127.0.0.1:1"))
     monkeypatch.setattr("lis_grasp_studies.harness.runner._CONNECT", 2)
     with (
         distributed.LocalCluster(n_workers=0, dashboard_address=":0") as cluster,
-        pytest.raises(InvalidOptionError, match="none came within 2 s"),
+        pytest.raises(InvalidOptionError, match="within 2 s"),
     ):
         run(SMALL, tmp_path, DaskCluster(cluster.scheduler_address))
     with (

@@ -54,8 +54,9 @@ def test_a_fingertip_larger_than_the_object_is_refused(radius: float, tmp_path: 
     points = trimesh.sample.sample_surface(shapes.build("sphere", size=0.06).mesh, 24, seed=0)[0]
     normals = points / np.linalg.norm(points, axis=1, keepdims=True)
     Contacts(points, normals).save(tmp_path / "contacts.csv")
-    with pytest.raises(InvalidOptionError, match="other side of the object"):
+    with pytest.raises(InvalidOptionError) as error:
         load_contacts(tmp_path / "contacts.csv", fingertip_radius=radius)
+    assert (error.value.option, error.value.value) == ("fingertip_radius", radius)
 
 
 def test_an_unknown_noise_of_some_points_is_as_given_or_as_that_of_the_others(
@@ -206,7 +207,7 @@ def test_lengths_of_every_unit_are_read(centers: FloatArray, tmp_path: Path) -> 
 
 def test_contacts_in_a_mistaken_unit_are_refused(centers: FloatArray, tmp_path: Path) -> None:
     path = write(tmp_path / "points.csv", 1e3 * centers)
-    with pytest.raises(InvalidContactsError, match=r"`units` mm \(then 0\.07.* m\) would fit"):
+    with pytest.raises(InvalidContactsError, match="`units` mm "):
         load_contacts(path)
     path = write(tmp_path / "points.csv", centers)
     with pytest.raises(InvalidContactsError, match="`units` m "):
@@ -227,8 +228,9 @@ def test_inward_normals_are_refused_and_flipped_on_request(name: str, tmp_path: 
     # A pair with a height has another sign for inward normals: both fractions add up to 1.
     assert fraction_in_front(outward) + fraction_in_front(inward) == pytest.approx(1.0)
     if name not in ("torus", "hollow_cylinder"):  # contacts in a hole leave doubt
-        with pytest.raises(InvalidContactsError, match="inward"):
+        with pytest.raises(InvalidContactsError) as error:
             load_contacts(path)
+        assert error.value.field == "normals"
 
 
 def test_estimate_prints_the_size(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -323,7 +325,7 @@ def test_units_in_the_names_of_columns_are_used_and_must_not_be_contradicted(
     for units in (None, "mm"):
         with pytest.warns(LisGraspWarning, match="in mm"):
             np.testing.assert_allclose(load_contacts(path, units=units).points, _ROWS[:, :3])
-    with pytest.raises(InvalidOptionError, match="must be mm") as error:
+    with pytest.raises(InvalidOptionError) as error:
         load_contacts(path, units="m")
     assert error.value.option == "units"
 
@@ -462,8 +464,9 @@ def test_point_clouds_of_pcl_are_read_with_their_normals(kind: str, tmp_path: Pa
     np.testing.assert_array_equal(contacts.normals, rows[:, 3:])
     np.testing.assert_array_equal(Contacts.load(tmp_path / "a.pcd").points, contacts.points)
     (tmp_path / "a.pcd").write_bytes(_pcd(rows, kind).replace(b"POINTS 24", b"POINTS 25"))
-    with pytest.raises(InvalidFileError, match="announces 25 points, and has 24"):
+    with pytest.raises(InvalidFileError) as error:
         load_contacts(tmp_path / "a.pcd")
+    assert error.value.path == tmp_path / "a.pcd"
 
 
 def test_arrays_of_numpy_are_points_with_normals(tmp_path: Path) -> None:
@@ -481,17 +484,15 @@ def test_arrays_of_numpy_are_points_with_normals(tmp_path: Path) -> None:
         np.testing.assert_array_equal(contacts.normals, _NORMALS)
     with pytest.warns(LisGraspWarning, match="not used: label"):
         load_contacts(tmp_path / "two.npz")
-    for array, said in (
-        (_ROWS.T, r"shape \(N, 3\), or \(N, 6\) with normals; it is \(6, 12\)"),
-        (np.array([{}]), "cannot be read as NPY"),
-        (np.array(["a", "b", "c"]), "of numbers"),
-    ):
+    for array in (_ROWS.T, np.array([{}]), np.array(["a", "b", "c"])):
         np.save(tmp_path / "a.npy", array, allow_pickle=True)
-        with pytest.raises(InvalidFileError, match=said):
+        with pytest.raises(InvalidFileError) as error:
             load_contacts(tmp_path / "a.npy")
+        assert error.value.path == tmp_path / "a.npy"
     np.savez(tmp_path / "a.npz", points=_ROWS[:, :3], normals=_ROWS[:5, 3:])
-    with pytest.raises(InvalidFileError, match="columns of 5 and 12 rows"):
+    with pytest.raises(InvalidFileError) as error:
         load_contacts(tmp_path / "a.npz")
+    assert error.value.path == tmp_path / "a.npz"
 
 
 @pytest.mark.parametrize("name", ["a.xyz", "a.xyzn", "a.pts", "a.txt", "a.off"])

@@ -94,8 +94,9 @@ def test_normals_of_which_many_are_flipped_are_refused_or_oriented(
 ) -> None:
     contacts = touched(mesh, 60)
     wrong, _ = flipped(contacts, fraction)
-    with pytest.raises(TooManyBadContactsError, match="unsigned"):
+    with pytest.raises(TooManyBadContactsError) as error:
         BlendedImplicitSurface.from_contacts(wrong)
+    assert error.value.count == 60
     np.testing.assert_array_equal(orient_normals(wrong).normals, contacts.normals)
     far = orient_normals(wrong, viewpoint=contacts.points + contacts.normals)
     np.testing.assert_array_equal(far.normals, contacts.normals)
@@ -228,8 +229,9 @@ def test_free_space_shows_the_sides_of_two_sheets() -> None:
 
 def test_one_viewpoint_cannot_see_all_sides_of_an_object() -> None:
     contacts = touched(BOX, 60)
-    with pytest.raises(InvalidContactsError, match="viewpoint must see the contacts"):
+    with pytest.raises(InvalidContactsError) as error:
         orient_normals(contacts, viewpoint=[0.0, 0.0, 1.0])
+    assert error.value.field == "viewpoint"
     seen = contacts[np.flatnonzero(contacts.normals @ [0.48, 0.6, 0.64] > 0.1)]
     towards = np.array([0.48, 0.6, 0.64])
     inward = replace(seen, normals=-seen.normals)

@@ -75,12 +75,11 @@ def with_noise(contacts: Contacts, position: float, normal: float, seed: int) ->
 
 
 @pytest.mark.parametrize("shape", list(SHAPES))
-@pytest.mark.parametrize("count", [50, pytest.param(100, marks=pytest.mark.slow)])
-@pytest.mark.parametrize(("position", "degrees"), [(0.002, 6.0), (0.004, 10.0), (0.007, 20.0)])
+@pytest.mark.parametrize(("position", "degrees"), [(0.002, 6.0), (0.007, 20.0)])
 def test_estimated_noise_is_within_a_factor_of_one_and_a_half(
-    shape: str, count: int, position: float, degrees: float
+    shape: str, position: float, degrees: float
 ) -> None:
-    assert_noise_is_found(shape, count, position, np.deg2rad(degrees))
+    assert_noise_is_found(shape, 50, position, np.deg2rad(degrees))
 
 
 @pytest.mark.parametrize("shape", ["box", "mallet", "pentagon", "ellipsoid"])
@@ -97,7 +96,7 @@ def assert_noise_is_found(shape: str, count: int, position: float, normal: float
 
 
 @pytest.mark.parametrize("name", ["box", "mallet", "pentagon", "half_cylinder"])
-@pytest.mark.parametrize("count", [30, 50, 100])
+@pytest.mark.parametrize("count", [30, 100])
 def test_clean_contacts_of_edged_solids_have_hardly_any_noise(name: str, count: int) -> None:
     contacts = edged(name, count, 0)
     position, normal = estimate_noise(contacts)

@@ -189,10 +189,12 @@ def test_many_points_take_their_normals_from_neighbours() -> None:
 
 def test_misshapen_input_is_refused() -> None:
     points, _ = sampled("sphere", 10, 0)
-    with pytest.raises(InvalidContactsError, match="approach must be 10 finite directions"):
+    with pytest.raises(InvalidContactsError) as error:
         estimate_normals(points, approach=np.zeros((9, 3)))
-    with pytest.raises(InvalidContactsError, match="points must have shape"):
+    assert error.value.field == "approach"
+    with pytest.raises(InvalidContactsError) as error:
         estimate_normals(points[:, :2])
+    assert error.value.field == "points"
 
 
 @pytest.mark.slow

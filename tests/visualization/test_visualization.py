@@ -459,15 +459,15 @@ def test_a_port_in_use_or_out_of_range_is_refused(tmp_path: Path) -> None:
     (tmp_path / "scene.html").touch()
     with SceneServer(tmp_path, port=0) as server:
         port = server.server_address[1]
-        for wrong, said in ((port, "free"), (65536, "65535")):
-            with pytest.raises(InvalidOptionError, match=said) as error:
+        for wrong in (port, 65536):
+            with pytest.raises(InvalidOptionError) as error:
                 SceneServer(tmp_path, port=wrong)
             assert (error.value.option, error.value.value) == ("port", wrong)
 
 
 def test_a_host_that_is_no_address_of_this_machine_is_refused(tmp_path: Path) -> None:
     (tmp_path / "scene.html").touch()
-    with pytest.raises(InvalidOptionError, match="address of this machine") as error:
+    with pytest.raises(InvalidOptionError) as error:
         SceneServer(tmp_path, port=0, host="192.0.2.1")  # of the block for examples (RFC 5737)
     assert (error.value.option, error.value.value) == ("host", "192.0.2.1")
 

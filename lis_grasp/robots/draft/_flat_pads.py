@@ -24,9 +24,9 @@ from lis_grasp.robots.kinematics import link_kinematics
 from lis_grasp.robots.robot_model import Pad, RobotModel
 from lis_grasp.typing import FloatArray
 
-# Of the pads [rad]; those of a gripper whose faces turn must be about parallel when they touch.
+# Half angles of pads [rad]; if a gripper's faces turn, they must be about parallel when they touch.
 _HALF_ANGLE, _TURNING_HALF_ANGLE = 0.3, 0.15
-# Of a fixed jaw, which is laid flat on the object [rad].
+# Half angle of a fixed jaw, which is laid flat on the object [rad].
 _FIXED_HALF_ANGLE = 0.05
 # Between the line of two pads and their axes, where a jaw is parallel to a fixed one [rad]: beyond
 # it they are moved to be opposite there.

@@ -90,7 +90,7 @@ def _slides(
 def _sliding(
     slide_L: FloatArray, towards_L: FloatArray, arm_L: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return unit vectors in the link frame, as of `_closing`: the slide, and across it the arm."""
+    """Return unit vectors in the link frame, as in `_closing`: the slide, and across it the arm."""
     closing = slide_L * (np.sign(slide_L @ towards_L) or 1.0)
     outward = arm_L - (arm_L @ closing) * closing
     length = float(np.linalg.norm(outward))
@@ -120,7 +120,7 @@ def round_pad(
     outward_L: FloatArray,
     tilts: Sequence[float] = TILTS,
 ) -> Pad:
-    """Return the sphere whose support function fits that of the finger's end best.
+    """Return the sphere whose support function fits the finger's end best.
 
     A sphere has the support function ``u @ center + radius``, so that the fit over directions u in
     a cone about the pad's axis is linear. Its radius is at most half the

@@ -33,7 +33,7 @@ _CLEARANCE = 0.004  # of the ball from links without pads [m]
 _MOST_OFF, MOST_TURNED, _MOST_UNBALANCED = 0.006, 0.75, 0.35
 _LEAST_WEIGHT = 0.2  # of a pad, of which the largest is 1
 _SIDE_BY_SIDE = 0.022  # of pads, beyond which fingers do not hinder each other [m]
-_MANY = 4  # of so many fingers one may be off, as a little finger is
+_MANY = 4  # number of fingers of which one may be off, as a little finger is
 
 _ENOUGH = 0.04  # clearance that counts [m]
 _FORWARD = 0.03  # weight of the direction from the palm [m]

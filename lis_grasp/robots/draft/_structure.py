@@ -27,11 +27,11 @@ MOST_FINGERS = 6  # of a hand
 # are parts of a linkage.
 _LINKAGE = 0.85
 _LEAST_MOTION = 0.006  # of a fingertip's middle over the ranges of its joints [m]
-# What may follow the short name of a finger, as of "thdistal" or "rh_ff3"; not "three".
+# What may follow the short name of a finger, as in "thdistal" or "rh_ff3"; not "three".
 _PHALANX = "[^a-z]|$|tip|distal|middle|proximal|link|joint"
 _MARK = 0.004  # size of a body up to which it marks a place, and is no fingertip [m]
 _STEPS = 9  # positions of a joint at which that is measured
-# Of a finger and the fixed jaw that it closes on [m]: what counts of each, and their gap if closed.
+# A finger and the fixed jaw that it closes on [m]: length that counts, and their gap if closed.
 _JAW_END, _CLOSED = 0.04, 0.03
 _FLAT = 1e-4  # least size of a part of a body [m]
 
@@ -331,7 +331,7 @@ def find_hand_bases(model: RobotModel) -> tuple[str, ...]:
 def find_exclusions(
     hand: Hand, checker: HandCollisionChecker, *, rng: np.random.Generator
 ) -> frozenset[tuple[str, str]]:
-    """Return the pairs of links that collide in so many postures that they must do so by design.
+    """Return the pairs of links that collide so often that they must do so by design.
 
     These are pairs that collide in 40 % of random postures, and in 10 % if at most three movable
     joints are between them. Links of one chain with two joints between them may touch wherever they

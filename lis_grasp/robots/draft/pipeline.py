@@ -36,17 +36,18 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import forces_along_pads, is_plausible_effort
 from lis_grasp.robots.robot_model import RobotModel
 
-# Joints before all fingers that are locked, as of a wrist; more are an arm, which is left out.
+# Largest number of joints before all fingers that are locked, as in a wrist; more are an arm, which
+# is left out.
 _WRIST = 2
 _PREGRASPS = ("wide", "medium", "narrow", "tight")
 _OTHER_TILTS = ((0.25,), (0.0,))  # of pads that are tried next [rad]
 _TURNED = 0.95  # error of a pad's axis that is accepted at last (chord)
-_HIDDEN = 2.0  # parts replace a gripper's hulls if their faces are so many times the hulls'
+_HIDDEN = 2.0  # ratio of faces, parts to hulls, above which parts replace a gripper's hulls
 _ASIDE = 0.5  # sideways part of the approach of a hand with a fixed jaw
 # Of many hands' joints [N m or N].
 _USUAL_EFFORT = {"revolute": 1.0, "continuous": 1.0, "prismatic": 40.0}
 _USED = 0.9  # fraction of an effort that a finger's force may need
-# Of one finger [N]: files often give more than a robot uses.
+# Largest force of one finger [N]: files often give more than a robot uses.
 _MOST_FORCE = {"multi_finger": 10.0, "parallel_jaw": 40.0}
 
 
@@ -180,7 +181,7 @@ class _Described:
             self._edit(convex_parts=links)
 
     def note_repairs(self) -> None:
-        """Keep `repair` if inertias of the file are not those of the model."""
+        """Keep `repair` if the inertias of file and model differ."""
         read = {link.name: link_inertial(link).inertia_L for link in self._edited().links}
         given = self.model.inertials
         links = [k for k in self.model.links if not np.array_equal(read[k], given[k].inertia_L)]

@@ -26,7 +26,7 @@ class PlantScene:
 
     Hand, carrier, object and table are added to `plant` first; `finalize` makes the rest. Contact
     is hydroelastic, in Drake's discrete solver with the "lagged" approximation. The links of the
-    hand do not collide with each other. `settings` are those of `MultibodyPlantConfig`.
+    hand do not collide with each other. `settings` are fields of `MultibodyPlantConfig`.
     """
 
     def __init__(self, time_step: float, **settings: Any) -> None:

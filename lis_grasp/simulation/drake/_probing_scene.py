@@ -25,13 +25,14 @@ from lis_grasp.simulation.drake.object_plant import (
 from lis_grasp.typing import FloatArray
 
 _TIME_STEP = 0.002  # [s]
-# After a touch the hand retreats until the object is slower than this [m/s] over so many steps, for
-# this time at most [s]. Contact with the table makes it tremble by micrometres from step to step.
+# After a touch the hand retreats until the object is slower than this [m/s] over this many steps,
+# for this time at most [s]. Contact with the table makes it tremble by micrometres from step to
+# step.
 _STILL = 5e-4
 _STEPS_OF_REST = 20
 _LONGEST_SETTLING = 2.0
-# Rolling resistance: its moment is that of the weight at a lever of 0.01 radii, as of wood on wood.
-# It falls to 0 below this angular speed [rad/s].
+# Rolling resistance: its moment is the weight's at a lever of 0.01 radii, as for wood on wood. It
+# falls to 0 below this angular speed [rad/s].
 _ROLLING_RESISTANCE = 0.01
 _ROLLING = 0.05
 
@@ -174,7 +175,7 @@ class ProbingScene:
     def touch(self) -> Contacts:
         """Return what the touch sensor feels, in W: flat parts of contacts above the threshold.
 
-        The forces are those of the step that was commanded: Drake computes them once for both.
+        The forces belong to the commanded step: Drake computes them once for both.
         """
         return self._scene.touch()
 

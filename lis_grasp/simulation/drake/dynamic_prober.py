@@ -65,7 +65,7 @@ class DynamicProber:
     Parameters
     ----------
     hand, mesh
-        The hand and the true object; requirements and errors as of `KinematicProber`.
+        The hand and the true object; for requirements and errors see `KinematicProber`.
     free
         Makes the object free to move on a table, and touches slow; None fixes it.
     force_threshold
@@ -117,7 +117,7 @@ class DynamicProber:
         return None if self._free is None else self._X_EO
 
     def place_object(self, X_EO: FloatArray) -> None:
-        """Place the true object, free and at rest, at a pose, shape (4, 4): that of a record."""
+        """Place the true object, free and at rest, at a recorded pose, shape (4, 4)."""
         self._X_EO = read_only(np.array(X_EO, dtype=np.float64))
 
     def move_frame(self, X_EF: FloatArray) -> None:
@@ -186,7 +186,7 @@ class DynamicProber:
     def _end_of_slide(self, course: Course) -> Contacts:
         """Return the contacts that the fingertip makes where its slide ends; none without one.
 
-        The way there is that of geometry: a light force bends no finger. Its end is simulated.
+        The way there is computed by geometry: a light force bends no finger. Its end is simulated.
         """
         slide = course.slide
         if slide is None or slide.touched is None:

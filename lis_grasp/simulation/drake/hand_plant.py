@@ -123,7 +123,7 @@ class HandInPlant:
         return -self.by_joint(forces)
 
     def by_joint(self, values: FloatArray) -> FloatArray:
-        """Return, of values (..., V) of the plant's velocities, those of the joints, (..., J).
+        """Return the joints' values (..., J) out of values of the plant's velocities (..., V).
 
         Joints that follow another by a transmission add theirs to its own.
         """
@@ -180,8 +180,8 @@ def add_hand_model(
 
     Gravity is compensated. The joints get implicit PD control, and efforts limited by
     `Hand.effort_limits`. Links of the hand do not collide with each other. The plant is not
-    finalized yet. Arguments are those of `lis_grasp.drake.add_hand`, which also loads, draws and
-    welds the hand.
+    finalized yet. For arguments see `lis_grasp.drake.add_hand`, which also loads, draws and welds
+    the hand.
     """
     links = add_links(plant, hand, plant.AddModelInstance(name))
     stiffness, damping = gains or (

@@ -48,7 +48,7 @@ class TouchSensor(LeafSystem):
     across an edge counts as two. Of point contact, the witness point on the object counts, and a
     warning is given once.
 
-    Frames: W world; E that of the contacts, fixed in W, or to a body.
+    Frames: W world; E frame of the contacts, fixed in W, or to a body.
 
     .. code-block:: text
 

@@ -53,7 +53,7 @@ def scene_mjcf(setup: LiftSetup, pieces: Sequence[trimesh.Trimesh]) -> str:
     """Return the MJCF of a lift, whose object collides as convex pieces in O [m].
 
     The object's body has its frame in the centre of mass, along O's axes. The wrist's zero is the
-    palm pose of the grasp. The actuators are those of `WRIST_JOINTS`, then of the hand's joints.
+    palm pose of the grasp. The actuators move `WRIST_JOINTS`, then the hand's joints.
     """
     root = Element("mujoco", {"model": "lift"})
     SubElement(root, "compiler", {"angle": "radian", "autolimits": "true"})

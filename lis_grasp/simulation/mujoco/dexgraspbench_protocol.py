@@ -55,7 +55,7 @@ def dexgraspbench_protocol(
     The hand's base follows a moving frame, its joints are position servos that run open loop from
     the pregrasp to the planned posture and to the squeeze (`servo_postures`). Object: 0.1 kg,
     friction 0.6 (torsional 0.02 m), without gravity but for the table lift. Facts of the protocol
-    are those of the benchmark's main branch; it has no control by contact and no shake.
+    are taken from the benchmark's main branch; it has no control by contact and no shake.
 
     Parameters
     ----------

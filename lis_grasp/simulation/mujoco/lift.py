@@ -32,8 +32,8 @@ with needed_package("mujoco", "mujoco", option="the simulator mujoco"):
 def simulate_in_mujoco(setup: LiftSetup, accept_grasp: AcceptGrasp | None = None) -> LiftOutcome:
     """Execute one grasp on the true, free object in MuJoCo, and return whether it holds.
 
-    Phases, control, outcome and arguments are those of the function of this name for Drake; an arm
-    is not simulated.
+    Phases, control, outcome and arguments are as in the function of this name for Drake; an arm is
+    not simulated.
 
     Contact model: points with elliptic friction cones and torsional friction, MuJoCo's soft
     constraints. The object is a union of convex pieces (`convex_pieces`), with the mass and inertia
