@@ -23,6 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Explore, and print the summary."""
+    if opt.written_scene(options):
+        return
     task = opt.configure_touch(options)
     folder = results_folder(task, options.output)
     with watched(folder if options.watch else None):

@@ -28,6 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Run every stage, and print the summary, for each object."""
+    if opt.written_scene(options):
+        return
     if options.more:
         _run_each(options, [options.object, *options.more], options.output or _SEVERAL)
         return

@@ -14,7 +14,7 @@ from lis_grasp.exploration import Exploration
 from lis_grasp.exploration.workspace import lowest_tip
 from lis_grasp.io.atomic_writing import sole_writer, write_json
 from lis_grasp.results.exploring import explore_into, say_object
-from lis_grasp.results.folder import remove_made_from, results_folder
+from lis_grasp.results.folder import SCENE, remove_made_from, results_folder
 from lis_grasp.results.page import write_scene_of
 from lis_grasp.results.progress import SILENT, Progress, Stopwatch
 from lis_grasp.results.report import build_report
@@ -25,6 +25,7 @@ from lis_grasp.stages.lift import require_simulator
 from lis_grasp.stages.regrasp import grasp_with_tactile_check
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.task.recorded_facts import read_facts
+from lis_grasp.task.scene_file import write_scene
 from lis_grasp.task.task import Task
 
 _LOG = logging.getLogger(__name__)
@@ -77,6 +78,7 @@ def run_task(
     require_simulator(task.world.simulator, scenario.truth.shape)
     # Threads change the order of sums, and so the last digits of results.
     with sole_writer(folder), threadpool_limits(1):
+        write_scene(task, folder / SCENE)
         with watch.measure("touch"):
             after, exploration = explore_into(
                 folder, scenario, progress=progress, fresh=fresh, arm_use=arm_use
