@@ -155,7 +155,7 @@ def _nearest(arm: Arm, hand: Hand, X_FB: FloatArray) -> tuple[str, str] | None:
 class Table:
     """A table with a flat top, on which the object is; the arm's base is on it or beside it.
 
-    What else is fixed there are obstacles.
+    Other fixed things there are obstacles.
     """
 
     height: float = 0.0  # of the top in W [m]

@@ -9,7 +9,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.planar_motion import PoseBelief
-from lis_grasp.exploration.probe import Probe, ProbeOutcome, ProbeStatus, are_touches
+from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, ProbeStatus, are_touches
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.records import Record, short_repr
 from lis_grasp.typing import FloatArray, IndexArray
@@ -85,6 +85,7 @@ class Landmark(Record):
 
     probe: Probe
     contact: Contacts  #: one, in the frame of the probe
+    hand_pose: HandPose | None = None  #: of the touch; None if it is not known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +116,10 @@ class ObjectMap(Record):
     def landmarks(self) -> list[Landmark]:
         """All known landmarks: those from before, and one of each probe that touched."""
         touches = (outcome for outcome in self.outcomes if outcome.status == "touched")
-        return [*self.known, *(Landmark(o.probe, o.contacts.subset([0])) for o in touches)]
+        return [
+            *self.known,
+            *(Landmark(o.probe, o.contacts.subset([0]), o.hand_pose) for o in touches),
+        ]
 
     @property
     def size(self) -> int:

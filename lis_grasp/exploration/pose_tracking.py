@@ -12,8 +12,9 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_at_least
 from lis_grasp.exploration.observations import Landmark, Observation
 from lis_grasp.exploration.planar_motion import PoseBelief, PoseTrust, push_of
-from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
 from lis_grasp.exploration.states import ExplorationState
+from lis_grasp.geometry import relative_rotation
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
@@ -27,7 +28,8 @@ _DEEP, _DEPTH = 4.0, 0.004
 # After a contradiction, the object is found when all contacts are so certain again [m], and lost
 # after so many probes; another contradiction counts as two, and soon after it was found as lost.
 _FOUND, _LOST_AFTER = 0.003, 6
-# Cosine of the angle to the normal of a contact before, beyond which a repetition met another side.
+# Cosine of the angle to the normal of a contact before, beyond which a repetition met another side,
+# and of the hand's turn, beyond which it is none: another roll leads the finger to another place.
 _SAME_SIDE = 0.87
 # A place is touched again when its position is so uncertain [m], and so many times more than a
 # touch makes it.
@@ -140,7 +142,8 @@ class PoseTracker:
         certain = state.estimated if len(known) >= _FEW else None
         contradicted = certain is not None and _free_where_touched(outcome, known, belief)
         target = outcome.probe.target
-        same = (o for o in recent.landmarks if np.array_equal(o.probe.target, target))
+        same = [o for o in recent.landmarks if np.array_equal(o.probe.target, target)]
+        same = [o for o in same if _turned_alike(o.hand_pose, outcome.hand_pose)]
         place = next((landmark.contact for landmark in same if repeated), None)
         if place is not None:  # it is missed, or another side is there
             alike = contacts.normals @ place.normals[0] > _SAME_SIDE
@@ -152,7 +155,7 @@ class PoseTracker:
             belief, surprise = self._measured(belief, contacts, place or known, certain, place)
             # Elsewhere the estimate may be wrong: only a known place is evidence of a motion.
             usable = surprise <= _CONTRADICTION
-            contradicted |= repeated and not usable
+            contradicted |= place is not None and not usable
             suspicious = surprise > _SUSPICIOUS
             deviations = np.sqrt(belief.variances(contacts.points, contacts.normals))
             usable &= not (
@@ -281,6 +284,14 @@ def _nothing_left(outcomes: Sequence[ProbeOutcome], known: Contacts) -> bool:
     last = outcomes[-_NOTHING_LEFT:]
     touched = any(outcome.status == "touched" for outcome in last)
     return 0 < len(known) < _FEW and len(last) == _NOTHING_LEFT and not touched
+
+
+def _turned_alike(first: HandPose | None, second: HandPose | None) -> bool:
+    """Return whether the hand had about the same rotation in two touches, as far as is known."""
+    if first is None or second is None:
+        return True
+    R = relative_rotation(first.X_OH, second.X_OH)
+    return bool(0.5 * (np.trace(R) - 1.0) > _SAME_SIDE)
 
 
 def _sideways(touches: Sequence[Landmark], last: ProbeOutcome) -> Landmark:

@@ -16,6 +16,7 @@ from lis_grasp.meshing._hermite import find_crossings
 from lis_grasp.shapes.mesh_distance import winding_numbers
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+from lis_grasp.underflow import underflows
 
 # Default number of cells along the largest extent.
 CELLS = 64
@@ -30,6 +31,7 @@ _BEST = 0.1
 _KNOWN = 0.25
 
 
+@underflows
 def extract_mesh(
     surface: ImplicitSurface,
     *,

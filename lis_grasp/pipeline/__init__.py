@@ -28,7 +28,7 @@ _HOMES = {
     "Scenario": "stages.scenario",
     "SurfaceEstimate": "stages.estimate",
     "Truth": "stages.scenario",
-    "Watched": "results.page",
+    "Watched": "results.live_page",
     "estimate": "pipeline.names_of_2.estimate_and_mesh",
     "estimate_file": "results.file_stages",
     "explore_object": "results.exploring",

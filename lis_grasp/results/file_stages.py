@@ -19,8 +19,8 @@ from lis_grasp.io.atomic_writing import sole_writer, write_json
 from lis_grasp.io.contact_files import read_point_file
 from lis_grasp.io.option import at_least, checked_value
 from lis_grasp.io.surface_files import load_surface
-from lis_grasp.results.exploring import say_repairs, say_width
 from lis_grasp.results.folder import LOG, require_own, result_file
+from lis_grasp.results.notes import say_repairs, say_width
 from lis_grasp.results.progress import SILENT, Progress
 from lis_grasp.results.report import lift_facts
 from lis_grasp.results.stage_files import (
@@ -32,7 +32,8 @@ from lis_grasp.results.stage_files import (
 )
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import load
-from lis_grasp.stages.agent import Agent, station_facts
+from lis_grasp.stages.agent import Agent
+from lis_grasp.stages.configured_arm import station_facts
 from lis_grasp.stages.contact_sources import ContactSource, join_sources, read_source
 from lis_grasp.stages.estimate import Perception
 from lis_grasp.stages.lift import lift_each, require_simulator
@@ -247,7 +248,7 @@ class LiftingWork:
 
 
 def lifting_of(path: Path, options: Mapping[str, Any], progress: Progress) -> LiftingWork:
-    """Return the grasps in a file and what to lift, with options as of `lift_file`."""
+    """Return the grasps in a file and what to lift, with the options of `lift_file`."""
     require_options(options, _LIFTED_WITH)
     recorded = read_facts(path, usual="grasps.json")
     search = GraspSearch.load(path)

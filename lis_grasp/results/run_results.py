@@ -86,7 +86,7 @@ class Run:
 
     @cached_property
     def task(self) -> Task:
-        """The task, as far as it is recorded; `InvalidOptionError` as of `Task`."""
+        """The task, as far as it is recorded; for `InvalidOptionError` see `Task`."""
         reported = {} if self.report is None else self.report["config"]
         return Task.from_facts(located({**self.facts, **reported}, self.folder))
 
@@ -104,7 +104,7 @@ class Run:
 
     @cached_property
     def hand(self) -> Hand:
-        """The hand; errors as of `Hand.load`."""
+        """The hand; for errors see `Hand.load`."""
         return Hand.load(self.task.robot.hand)
 
     @cached_property

@@ -162,7 +162,7 @@ def estimate(
         Contacts of one object, in its frame O.
     estimator
         "blend", "smooth", "gpis", "lis", "patch", or a plug-in: its name, ``my.module:Class``,
-        or what is called with contacts.
+        or a function of contacts.
     support_height
         Height of the table on which the object stands [m]; None for none. It closes the estimate
         from below, and walls that were touched near it continue down to it. ``table`` is its name
@@ -170,7 +170,7 @@ def estimate(
     free_space
         Whether the contacts' free space is removed from the estimate.
     keep_all
-        Whether all contacts are believed, those that the others contradict too.
+        Whether to believe all contacts, including contradicted ones.
     options
         ``margin``, by which balls of free space are smaller [m], and the keywords of the
         estimator's `from_contacts`, such as ``position_noise`` [m] and ``normal_noise`` [rad].

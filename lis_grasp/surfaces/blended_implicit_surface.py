@@ -17,6 +17,7 @@ from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
 from lis_grasp.surfaces.queries import flat_points, map_rows
 from lis_grasp.surfaces.smooth_implicit_surface import LEAST_PLACES, SmoothImplicitSurface
 from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.underflow import methods_underflow
 
 # Folds of the cross-validation.
 _FOLDS = 5
@@ -36,6 +37,7 @@ _NO_WEIGHT, _FULL_WEIGHT = 0.0, 0.3
 _NEAR, _FAR = 0.5, 1.0
 
 
+@methods_underflow
 @dataclass(frozen=True, slots=True, eq=False)
 class BlendedImplicitSurface:
     """Blend of a patch surface and a Gaussian process, by their prediction errors.

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from lis_grasp.contacts import FARTHEST, Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
 from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.underflow import methods_underflow
 
 # Smaller blocks cost more by their number than they save.
 _SMALL_BLOCK = 256
@@ -29,6 +30,7 @@ _SPREAD = np.array([int(f"{number:b}", base=8) for number in range(1 << _BITS)])
 _BLOCK, _BLOCK_EXTENT = 2048, 8.0
 
 
+@methods_underflow
 class BlockwiseSurface:
     """Base of estimators that average over the contacts near a point, block by block of points.
 

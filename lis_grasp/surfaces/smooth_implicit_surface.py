@@ -20,6 +20,7 @@ from lis_grasp.surfaces.gaussian_process_implicit_surface import (
 )
 from lis_grasp.surfaces.queries import flat_points
 from lis_grasp.typing import FloatArray
+from lis_grasp.underflow import methods_underflow
 
 # Length of the kernel in largest distances between two contacts, and whether it is stretched; None
 # for `gpis`. The first is the default: another is chosen if it predicts places that are left out
@@ -42,6 +43,7 @@ _NEAR, _FAR = 0.25, 0.5
 _DOUBT = 0.35
 
 
+@methods_underflow
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothImplicitSurface:
     """A Gaussian process for shapes without edges, smoother than `gpis`.

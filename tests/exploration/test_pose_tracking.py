@@ -39,7 +39,7 @@ from lis_grasp.exploration.policy import farthest
 from lis_grasp.geometry import apply_inverse
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp.stages.scenario import workspace
+from lis_grasp.stages.scenario import known_place
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
 
 ALONG_X = Push(np.array([1.0, 0.0, 0.0]), np.diag([1.0, 1.0, 400.0]))
@@ -165,6 +165,22 @@ def test_a_landmark_from_before_is_touched_again_and_is_no_outcome() -> None:
     np.testing.assert_array_equal(state.again.target, PROBE.target)
 
 
+@pytest.mark.parametrize(("turn", "trust"), [(0.0, "doubted"), (1.6, "trusted")])
+def test_only_a_repetition_with_the_hand_turned_alike_shows_a_motion(
+    turn: float, trust: str
+) -> None:
+    # Rolled by 92 degrees, the finger came to another side of a mallet that had not moved.
+    roll = trimesh.transformations.rotation_matrix(turn, [1.0, 0.0, 0.0])
+    first = replace(touched_at(-0.03), hand_pose=HandPose(np.eye(4), np.zeros(0)))
+    tracker = PoseTracker()
+    state = state_after(tracker.track(first, state_after())[0])
+    assert state.again is not None
+    side = Contacts([[-0.02, 0.02, 0.02]], [[0.0, 1.0, 0.0]])
+    again = ProbeOutcome(PROBE, "touched", side, hand_pose=HandPose(roll, np.zeros(0)))
+    observation, _ = tracker.track(again, state)
+    assert observation.belief.trust == trust
+
+
 def test_contacts_before_a_loss_wait_until_the_object_is_found(tmp_path: Path) -> None:
     start, X_FE = PoseBelief.start(), planar_pose(np.array([0.2, 0.1, 0.5 * np.pi]))
     before = [Observation(touched_at(x), start) for x in (-0.03, -0.05, -0.07)]
@@ -265,7 +281,7 @@ def explored(name: str, motion: Motion, *, tracked: bool) -> tuple[Exploration, 
     """Explore an object that moves; return the root mean square error of its contacts [m]."""
     shape = shapes.build(name, None)
     prober = MovingObjectProber(Hand.load("allegro"), shape, motion)
-    space = workspace(shape, on_table=True)
+    space = known_place(shape, on_table=True)
     exploration = explore(
         prober,
         TactilePerception(ESTIMATORS["blend"], tracker=PoseTracker() if tracked else None),

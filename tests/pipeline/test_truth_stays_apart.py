@@ -27,7 +27,6 @@ from lis_grasp.service.touch_service import TouchService
 from lis_grasp.shapes import Shape
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.next_touch import ObjectPlace
-from lis_grasp.stages.regrasp import touch_more
 from lis_grasp.stages.touch import (
     exploration_rng,
     make_perception,
@@ -37,6 +36,7 @@ from lis_grasp.stages.touch import (
     make_tracker,
     true_pose,
 )
+from lis_grasp.stages.touching_again import touch_more
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
 from lis_grasp.typing import FloatArray
 
