@@ -75,8 +75,14 @@ class InexactContactWarning(LisGraspWarning):
 
 
 def note(message: str) -> None:
-    """Warn of what was left out of a file or made of it, in one line."""
-    warnings.warn(" ".join(message.split("\n")), LisGraspWarning, stacklevel=3)
+    """Warn of what was left out of a file or made of it, in one line, where the package is called.
+
+    So Python shows it once for each call of the user's, however often the package says it.
+    """
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("lis_grasp"):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(" ".join(message.split("\n")), LisGraspWarning, stacklevel=level)
 
 
 class LisGraspError(Exception):

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, get_args
 
 from lis_grasp.cli.progress import say, with_flags
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.io.option import Option, kind_of, options_of
 from lis_grasp.shapes import UNITS
 from lis_grasp.stages.contact_sources import ContactSource
-from lis_grasp.surfaces.contact_loading import NormalSide
+from lis_grasp.surfaces.contact_checks import NormalSide
 from lis_grasp.task.option_groups import GROUPS
 from lis_grasp.task.scene_file import SCHEMA_NAME, is_scene_file, load_scene, write_scene
 from lis_grasp.task.task import (
@@ -193,6 +193,19 @@ def add_object_argument(parser: argparse.ArgumentParser, *, required_name: bool 
     else:
         parser.add_argument("--object", metavar="OBJECT", help=f"{text} (default: as recorded)")
     add_options(parser, *_OBJECT)
+
+
+def add_support_option(parser: argparse.ArgumentParser, meaning: str) -> None:
+    """Add the height of the table under the object."""
+    parser.add_argument("--support", type=_height, metavar="METRES", help=meaning)
+
+
+def _height(text: str) -> float | str:
+    try:
+        return text if text == "none" else float(text)
+    except ValueError:
+        message = f"must be a number, or none; it is {shown(text)}"
+        raise argparse.ArgumentTypeError(message) from None
 
 
 def add_output(parser: argparse.ArgumentParser, default: str) -> None:

@@ -130,6 +130,7 @@ class SurfaceEstimator(LeafSystem):
             sensor=noise or TactileSensor(),
             free_space=free_space,
             support_height=table,
+            normals="outward",  # those of a TouchSensor
         )
         _ = perception.make  # an unknown name is an error now
         empty = Contacts.empty()

@@ -71,7 +71,7 @@ class PoseTracker:
 
     A repeated probe far off its first contact, or free space where contacts were, shows a large
     motion: the pose becomes uncertain, and the next touches register it. If they contradict the
-    estimate too, the object has toppled or rolled away, and a second map begins (`maps_of`).
+    estimate too, the object has toppled or rolled away, and a second map begins (`Maps`).
 
     Parameters
     ----------
@@ -117,8 +117,8 @@ class PoseTracker:
             return None
         if belief.suspicious and not spent:
             return _sideways(touches, observations[-1].outcome).probe
-        points = np.array([touch.contact.points[0] for touch in touches])
-        normals = np.array([touch.contact.normals[0] for touch in touches])
+        points = np.array([touch.contacts.points[0] for touch in touches])
+        normals = np.array([touch.contacts.normals[0] for touch in touches])
         deviations = np.sqrt(belief.variances(points, normals))
         best = int(np.argmax(deviations))
         least = max(_UNCERTAIN, _WORTHWHILE * belief.push_deviation)
@@ -144,7 +144,7 @@ class PoseTracker:
         target = outcome.probe.target
         same = [o for o in recent.landmarks if np.array_equal(o.probe.target, target)]
         same = [o for o in same if _turned_alike(o.hand_pose, outcome.hand_pose)]
-        place = next((landmark.contact for landmark in same if repeated), None)
+        place = next((landmark.contacts.subset([0]) for landmark in same if repeated), None)
         if place is not None:  # it is missed, or another side is there
             alike = contacts.normals @ place.normals[0] > _SAME_SIDE
             contradicted |= outcome.status == "missed" or (len(alike) > 0 and not alike.any())
@@ -298,7 +298,7 @@ def _sideways(touches: Sequence[Landmark], last: ProbeOutcome) -> Landmark:
     """Return the landmark on a side that faces most like that of the last, but another one."""
     others = [touch for touch in touches if touch.probe is not last.probe] or list(touches)
     normal = last.contacts.normals[0] if len(last.contacts) else -last.probe.direction
-    alike = [abs(touch.contact.normals[0][:2] @ normal[:2]) for touch in others]
+    alike = [abs(touch.contacts.normals[0][:2] @ normal[:2]) for touch in others]
     return others[int(np.argmax(alike))]
 
 

@@ -18,6 +18,7 @@ from typing import Any
 from lis_grasp._moved import MOVED
 
 _HOMES = {
+    "Bars": "results.progress_bars",
     "ContactSource": "stages.contact_sources",
     "Known": "stages.agent.Agent",
     "Perception": "pipeline.names_of_2.perception",

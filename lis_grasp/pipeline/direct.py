@@ -66,7 +66,7 @@ def run(
     fresh
         Explore from the beginning in any case.
     progress
-        Gets a message for every stage and step.
+        Gets a message for every stage and step: `pipeline.Bars()` shows bars.
     options
         Those of `Task.of`, which replace those of a scene file or a task. The usual ones are
         ``touches``, ``seed``, ``estimator``, ``prober``, ``friction``, ``mass`` [kg], ``size`` [m],

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,15 @@ class Run:
         planned = 0 if self.grasps is None else len(self.grasps)
         outcome = "not lifted" if self.lift is None else self.lift["reason"]
         return f"Run('{self.folder}', {self.contacts}, {planned} grasps, {outcome})"
+
+    def _repr_html_(self) -> str:
+        """Return the page of the run in a frame, which a notebook displays; else its text."""
+        from lis_grasp.visualization.scene import framed
+
+        page = self.folder / "scene.html"
+        if not page.is_file():
+            return f"<code>{escape(repr(self))}</code>"
+        return framed(page.read_text(encoding="utf-8"), str(self.folder))
 
     @classmethod
     def load(cls, folder: Path | str) -> Run:

@@ -51,7 +51,7 @@ def write_surface(
     made = SurfaceEstimate(contacts, known)
     verdicts, warnings = made.verdicts, list(recorded.get("warnings") or ())
     warnings += filter(None, [few_contacts(contacts)])  # which `note_doubts` notes
-    note_doubts(made.credible)
+    note_doubts(made.credible, known.support_height)
     if verdicts.bad.any():
         warnings.append(verdicts.sentence())
         progress.say(f"warning: {warnings[-1]} (`keep_all` believes all)")

@@ -10,7 +10,7 @@ from typing import Any
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError
 from lis_grasp.surfaces import load_contacts
-from lis_grasp.surfaces.contact_loading import NormalSide
+from lis_grasp.surfaces.contact_checks import NormalSide
 from lis_grasp.surfaces.contact_preparation import thin_contacts, with_noise
 from lis_grasp.task.recorded_facts import read_facts
 

@@ -153,7 +153,7 @@ def make_policy(
         return find_policy(policy, space)
     guess = None
     if kind.uses_gaussian_process:
-        perception = Perception(estimator="gpis", sensor=sensor)
+        perception = Perception(estimator="gpis", sensor=sensor, normals="outward")
         guess = lambda contacts: SurfaceEstimate(contacts, perception).guide  # noqa: E731
     return TargetPolicy(space, kind.select, guess)
 

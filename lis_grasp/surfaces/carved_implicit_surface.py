@@ -14,7 +14,7 @@ from lis_grasp.contacts import HALF_SPACE, Contacts
 from lis_grasp.geometry import AXES, unit
 from lis_grasp.records import Record, short_repr
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
-from lis_grasp.surfaces.queries import flat_points, map_rows, require_range
+from lis_grasp.surfaces.queries import Predicting, flat_points, map_rows, require_range
 from lis_grasp.typing import FloatArray, IndexArray
 from lis_grasp.underflow import methods_underflow
 
@@ -33,7 +33,7 @@ _Depths = tuple[IndexArray, FloatArray, FloatArray]  # points, (A,), depths (A,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Remainder(Record):
+class _Remainder(Predicting, Record):
     """Base of estimates less space that is free: f = max(g, depth in the free space)."""
 
     surface: ImplicitSurface  #: the estimate g

@@ -23,7 +23,7 @@ from lis_grasp.surfaces._kernels import (
     ThinPlate,
 )
 from lis_grasp.surfaces.contact_preparation import PreparedContacts, prepare_contacts
-from lis_grasp.surfaces.queries import flat_points, map_rows, require_range
+from lis_grasp.surfaces.queries import Predicting, flat_points, map_rows, require_range
 from lis_grasp.typing import FloatArray, IndexArray
 from lis_grasp.underflow import methods_underflow
 
@@ -60,7 +60,7 @@ _LEAST_AXIS = 0.15
 
 @methods_underflow
 @dataclass(frozen=True, eq=False)
-class GaussianProcessImplicitSurface:
+class GaussianProcessImplicitSurface(Predicting):
     """The posterior mean of a GP conditioned on value 0 and the normal as gradient at contacts.
 
     f(x) = mean + k_*^T (K + noise)^-1 (targets - mean)                                   (eq. 3)

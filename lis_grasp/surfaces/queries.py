@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -30,8 +31,41 @@ _SPREAD = np.array([int(f"{number:b}", base=8) for number in range(1 << _BITS)])
 _BLOCK, _BLOCK_EXTENT = 2048, 8.0
 
 
+class Predicting:
+    """Base of surfaces that are also queried in the words of scikit-learn.
+
+    A subclass is an `ImplicitSurface`, whose protocol has none of this.
+    """
+
+    __slots__ = ()
+
+    def __call__(self, points: npt.ArrayLike) -> FloatArray:
+        """Return f at points of shape (..., 3) [m], as `evaluate` does."""
+        return self.evaluate(points)
+
+    @overload
+    def predict(self, points: npt.ArrayLike) -> FloatArray: ...
+    @overload
+    def predict(
+        self, points: npt.ArrayLike, *, return_std: bool
+    ) -> FloatArray | tuple[FloatArray, FloatArray]: ...
+    def predict(
+        self: Any, points: npt.ArrayLike, *, return_std: bool = False
+    ) -> FloatArray | tuple[FloatArray, FloatArray]:
+        """Return f at points of shape (..., 3) [m], and with `return_std` its `uncertainty` too.
+
+        That is one standard deviation of the surface along its normal [m], not of f.
+        """
+        values = self.evaluate(points)
+        return (values, self.uncertainty(points)) if return_std else values
+
+    def evaluate(self, points: npt.ArrayLike) -> FloatArray:
+        """Return f at points of shape (..., 3) [m], shape (...): below 0 inside, above outside."""
+        raise NotImplementedError
+
+
 @methods_underflow
-class BlockwiseSurface:
+class BlockwiseSurface(Predicting):
     """Base of estimators that average over the contacts near a point, block by block of points.
 
     A subclass has the contacts' `spacing` [m] and `_value_and_gradient`.

@@ -18,7 +18,7 @@ from lis_grasp.surfaces.gaussian_process_implicit_surface import (
     MOST_FOR_SETTINGS,
     GaussianProcessImplicitSurface,
 )
-from lis_grasp.surfaces.queries import flat_points
+from lis_grasp.surfaces.queries import Predicting, flat_points
 from lis_grasp.typing import FloatArray
 from lis_grasp.underflow import methods_underflow
 
@@ -45,7 +45,7 @@ _DOUBT = 0.35
 
 @methods_underflow
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothImplicitSurface:
+class SmoothImplicitSurface(Predicting):
     """A Gaussian process for shapes without edges, smoother than `gpis`.
 
     f = bound + v (free - bound)

@@ -58,3 +58,14 @@ def test_a_word_in_backquotes_of_a_message_is_an_option_or_a_verb() -> None:
                 words = re.findall(r"`([a-z]+(?:_[a-z]+)*)`", node.value)
                 if id(node) not in docstrings:
                     assert set(words) <= known, (path.name, node.lineno)
+
+
+@pytest.mark.parametrize("flag", ["--table", "--support-height", "--suport"])
+def test_a_guessed_option_of_the_table_is_answered(
+    flag: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for verb in ("estimate", "grasp", "next"):
+        with pytest.raises(SystemExit) as left:
+            main([verb, "contacts.csv", flag, "0"])
+        assert left.value.code == 2
+        assert "'--support'" in capsys.readouterr().err

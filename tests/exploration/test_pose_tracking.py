@@ -159,7 +159,7 @@ def test_a_landmark_from_before_is_touched_again_and_is_no_outcome() -> None:
     uncertain = PoseBelief.start().loosened(np.array([5e-3, 5e-3, 0.0]))
     for belief, is_uncertain in ((PoseBelief.start(), False), (uncertain, True)):
         state = begin_again(perception, strategy, [landmark], belief)
-        np.testing.assert_array_equal(state.known.points, landmark.contact.points)
+        np.testing.assert_array_equal(state.known.points, landmark.contacts.points)
         assert state.outcomes == ()
         assert (state.again is not None) is is_uncertain
     np.testing.assert_array_equal(state.again.target, PROBE.target)

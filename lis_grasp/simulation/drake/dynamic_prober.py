@@ -16,7 +16,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_positive
 from lis_grasp.exploration import HandPose, ObstacleModel, Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import GENTLE_SPEED, PROBE_SPEED
-from lis_grasp.geometry import apply_pose, inverse_pose, rotate
+from lis_grasp.geometry import apply_pose, as_pose, inverse_pose, rotate
 from lis_grasp.probing.course import Course, Leg, path_back, path_out
 from lis_grasp.probing.guarded_motion import SLIDE_STEP, GuardedMotion
 from lis_grasp.records import read_only
@@ -112,7 +112,7 @@ class DynamicProber:
 
     def place_object(self, X_EO: FloatArray) -> None:
         """Place the true object, free and at rest, at a recorded pose, shape (4, 4)."""
-        self._X_EO = read_only(np.array(X_EO, dtype=np.float64))
+        self._X_EO = read_only(as_pose(X_EO).copy())
 
     def move_frame(self, X_EF: FloatArray) -> None:
         """Give later probes in a frame F with pose X_EF, shape (4, 4), about the vertical axis."""
