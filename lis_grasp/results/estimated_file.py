@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,6 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGraspError
 from lis_grasp.io import provenance
 from lis_grasp.io.contact_files import read_point_file
-from lis_grasp.io.option import checked_value
 from lis_grasp.results.folder import LOG, require_own, result_file
 from lis_grasp.results.notes import WARNING
 from lis_grasp.results.progress import SILENT, Progress
@@ -24,12 +23,11 @@ from lis_grasp.results.stage_files import (
     write_surface,
 )
 from lis_grasp.stages.contact_sources import ContactSource, join_sources, read_source
-from lis_grasp.stages.estimate import Perception
-from lis_grasp.stages.next_touch import ObjectPlace
+from lis_grasp.stages.known_table import known_table
 from lis_grasp.surfaces.contact_checks import doubt_of_side
 from lis_grasp.surfaces.estimators import require_noise_below_size
 from lis_grasp.task.recorded_facts import read_facts
-from lis_grasp.task.task import HEIGHT, Task, require_options
+from lis_grasp.task.task import Task, require_options
 from lis_grasp.typing import FloatArray
 
 # Fields that distinguish contacts.
@@ -82,7 +80,7 @@ def estimate_file(
     noise = {n: getattr(sources[0], n) for n in NOISE if len({getattr(s, n) for s in sources}) == 1}
     task = Task.from_facts({"estimator": None, **noise, **options}, recorded)
     require_noise_below_size(contacts, task.robot.position_noise)
-    place, known = _table_of(support, task, recorded)
+    place, known = known_table(support, task, recorded)
     folder = paths[0].parent if folder is None else folder
     is_kept = _require_contacts_fit(folder, contacts, paths)
     checked = "object" in recorded or any(source.normals or source.viewpoint for source in sources)
@@ -172,18 +170,3 @@ def _findings(contacts: Contacts, paths: Sequence[Path], *, checked: bool) -> It
 def millimetres(extents: FloatArray) -> str:
     """Return extents (3,) [m] as text."""
     return " x ".join(f"{1e3 * extent:.3g}" for extent in extents) + " mm"
-
-
-def _table_of(
-    support: float | Literal["none"] | None, task: Task, recorded: Mapping[str, Any]
-) -> tuple[ObjectPlace, Perception]:
-    """Return the place of an object on the table that is given, else recorded, and the settings."""
-    held = support == "none"
-    if support is None:
-        height = recorded.get("support_height")
-        closes = height if task.on_table else None
-    else:
-        height = None if held else checked_value("support", support, float, HEIGHT)
-        closes = height
-    known = Perception.of(task.robot, task.decide, closes)
-    return ObjectPlace(support=height, held=held), known
