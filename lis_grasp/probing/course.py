@@ -115,7 +115,7 @@ class Course:
 
 
 PathOf = Callable[[Arm, Course, float, float], JointTrajectory]
-"""Returns the arm's path of a course, by the distance of its end from the contact [m] and a step [s]."""
+"""Returns the arm's path: of a course, the distance of its end from the contact, a step [m, s]."""
 
 
 def path_out(arm: Arm, course: Course, before: float, step: float) -> JointTrajectory:

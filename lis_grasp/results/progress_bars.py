@@ -17,9 +17,9 @@ class Bars:
 
     Examples
     --------
-    .. code-block:: python
-
-        lis_grasp.run("box", "wsg50", progress=pipeline.Bars())
+    >>> bars = pipeline.Bars()  # run("box", "wsg50", progress=bars)
+    >>> callable(bars.say)
+    True
     """
 
     def __init__(self) -> None:
