@@ -71,6 +71,12 @@ def write_scene(task: Task, path: Path | str) -> None:
     """Write a task as a scene file, every option with its value.
 
     The schema is written beside it, for editors: the first line of the file names it.
+
+    Examples
+    --------
+    >>> write_scene(Task.of("box", touches=20), "box.yaml")
+    >>> load_scene("box.yaml") == Task.of("box", touches=20)
+    True
     """
     path = Path(path)
     content = {part: _plain(getattr(task, part)) for part in PARTS} | {"seed": task.seed}
