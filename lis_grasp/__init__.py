@@ -39,13 +39,13 @@ if TYPE_CHECKING:
     from lis_grasp.surfaces import PatchImplicitSurface as PatchImplicitSurface
     from lis_grasp.surfaces import SmoothImplicitSurface as SmoothImplicitSurface
     from lis_grasp.surfaces import load_contacts as load_contacts
-    from lis_grasp.task.decide import Decide as Decide
-    from lis_grasp.task.known import Known as Known
-    from lis_grasp.task.robot import Robot as Robot
-    from lis_grasp.task.scene_file import load_scene as load_scene
-    from lis_grasp.task.scene_file import write_scene as write_scene
-    from lis_grasp.task.task import Task as Task
-    from lis_grasp.task.world import World as World
+    from lis_grasp.task import Decide as Decide
+    from lis_grasp.task import Known as Known
+    from lis_grasp.task import Robot as Robot
+    from lis_grasp.task import Task as Task
+    from lis_grasp.task import World as World
+    from lis_grasp.task import load_scene as load_scene
+    from lis_grasp.task import write_scene as write_scene
     from lis_grasp.visualization import Scene as Scene
 
 _HOMES = {
@@ -67,12 +67,7 @@ _HOMES = {
         "BlendedImplicitSurface GaussianProcessImplicitSurface ImplicitSurface LocalImplicitSurface"
         " PatchImplicitSurface SmoothImplicitSurface load_contacts"
     ),
-    "task.decide": "Decide",
-    "task.known": "Known",
-    "task.robot": "Robot",
-    "task.scene_file": "load_scene write_scene",
-    "task.task": "Task",
-    "task.world": "World",
+    "task": "Decide Known Robot Task World load_scene write_scene",
     "visualization": "Scene",
 }
 

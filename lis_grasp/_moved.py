@@ -58,6 +58,9 @@ _PLACES = {
         " are in lis_grasp_studies.harness, study_trial is lis_grasp_studies.study.run, and files"
         " do not repeat the names of their folders"
     ),
+    "exploration.ExplorationSetup": (
+        "lis_grasp.exploration.TactilePerception and ExplorationStrategy"
+    ),
     "exploration.Finger": "lis_grasp.logs.Finger",
     "exploration.LogFrames": "lis_grasp.logs.LogFrames",
     "exploration.TouchDetection": "lis_grasp.logs.TouchDetection",

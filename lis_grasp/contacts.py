@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from lis_grasp.exceptions import InvalidContactsError
+from lis_grasp.exceptions import InvalidContactsError, require_packages
 from lis_grasp.geometry import UNIT_ROUNDING, UNIT_TOLERANCE, apply_pose, inverse_pose, rotate
-from lis_grasp.io.contact_files import read_contact_file, write_contact_file
+from lis_grasp.io.contact_files import contact_columns, read_contact_file, write_contact_file
+from lis_grasp.io.point_pictures import points_svg
 from lis_grasp.io.units import in_metres, require_plausible_size
-from lis_grasp.records import Record, fields_of, read_only
+from lis_grasp.records import ByValue, Record, fields_of, read_only
 from lis_grasp.typing import FloatArray
+
+if TYPE_CHECKING:
+    import pandas
 
 FARTHEST = 1e7
 """Largest coordinate of a contact [m]; anything larger is in the wrong unit."""
@@ -25,7 +31,7 @@ HALF_SPACE = 100.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Contacts(Record):
+class Contacts(ByValue, Record):
     """Oriented contact points of an object, in its frame O.
 
     Parameters
@@ -64,13 +70,16 @@ class Contacts(Record):
 
     Examples
     --------
-    Contacts are sliced and joined like a sequence; each item is a record of one contact.
+    Contacts are sliced and joined like a sequence; each item is a record of one contact. As
+    an array they are rows of point and normal.
 
     >>> import numpy as np
     >>> axes = np.vstack([np.eye(3), -np.eye(3)])
     >>> contacts = Contacts(points=0.03 * axes, normals=axes)
     >>> contacts[:2] + contacts[5]
     Contacts(3 contacts, extent 0.03 m, spacing 0.04243 m)
+    >>> np.asarray(contacts).shape, contacts == contacts[:]
+    ((6, 6), True)
     """
 
     points: FloatArray
@@ -130,6 +139,27 @@ class Contacts(Record):
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> FloatArray:
+        """Return rows of points and normals, shape (N, 6), as numpy asks for them."""
+        if copy is False:
+            raise ValueError("contacts as an array are a copy: points and normals are arrays")
+        return np.hstack([self.points, self.normals]).astype(dtype or np.float64)
+
+    def _repr_html_(self) -> str:
+        """Return a small picture of the points with their normals, which a notebook displays."""
+        return f"{points_svg(self.points, self.normals)}<br><code>{escape(repr(self))}</code>"
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a table with the columns of a contact file: x, y, z, nx, ny, nz and others.
+
+        Free points are not part of it. Raises `InvalidOptionError` if pandas is not installed.
+        """
+        require_packages("pandas", extra="study", option="to_pandas")
+        import pandas
+
+        fingers = {"finger": self.fingers} if self.fingers else {}
+        return pandas.DataFrame(contact_columns(fields_of(self)) | fingers)
 
     def __repr__(self) -> str:
         free = f", {len(self.free_points)} free points" if len(self.free_points) else ""
@@ -194,8 +224,8 @@ class Contacts(Record):
         )
 
     def in_frame(self, X_OF: npt.ArrayLike) -> Contacts:
-        """Return the contacts in a frame F with pose X_OF, shape (4, 4), in this one."""
-        X_FO = inverse_pose(np.asarray(X_OF, dtype=np.float64))
+        """Return the contacts in a frame F with pose X_OF, (4, 4) or of Drake, in this one."""
+        X_FO = inverse_pose(X_OF)
         return replace(
             self,
             points=apply_pose(X_FO, self.points),
@@ -346,6 +376,8 @@ def _frozen_array(
     ):
         wanted = ", ".join("N" if w is None else str(w) for w in shape)
         message = f"{name} must have shape ({wanted}); it has shape {array.shape}"
+        if name == "points" and array.ndim == 2 and array.shape[1] == 6:
+            message += ": give columns 0 to 2 as points and 3 to 5 as normals"
         raise InvalidContactsError(message, field=name)
     finite = np.isfinite(array) | (allow_nan & np.isnan(array))
     if not finite.all():

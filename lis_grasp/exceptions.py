@@ -58,9 +58,31 @@ class LisGraspWarning(UserWarning):
     """What a reader left out of a file or made of it; the command line prints it as a note."""
 
 
+class InexactContactWarning(LisGraspWarning):
+    """A simulated contact that is not between the true shapes of two bodies.
+
+    Attributes
+    ----------
+    link, body
+        Names of the hand's link and of the body that it touches, with their model instances.
+    method
+        "points" for point pairs, "hull" for the convex hull of a mesh, "unknown" if it may be one.
+    """
+
+    def __init__(self, message: str, *, link: str = "", body: str = "", method: str = "") -> None:
+        super().__init__(message)
+        self.link, self.body, self.method = link, body, method
+
+
 def note(message: str) -> None:
-    """Warn of what was left out of a file or made of it, in one line."""
-    warnings.warn(" ".join(message.split("\n")), LisGraspWarning, stacklevel=3)
+    """Warn of what was left out of a file or made of it, in one line, where the package is called.
+
+    So Python shows it once for each call of the user's, however often the package says it.
+    """
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("lis_grasp"):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(" ".join(message.split("\n")), LisGraspWarning, stacklevel=level)
 
 
 class LisGraspError(Exception):
@@ -158,6 +180,7 @@ class InvalidOptionError(InvalidInputError):
 def require_positive(**options: float) -> None:
     """Raise `InvalidOptionError` for the first option that is not above 0 and finite."""
     for option, value in options.items():
+        _require_number(option, value)
         if not 0.0 < value <= sys.float_info.max:
             required = "above 0" if value <= 0.0 else "finite"
             raise InvalidOptionError.out_of_range(option, value, required)
@@ -166,9 +189,19 @@ def require_positive(**options: float) -> None:
 def require_at_least(least: float, **options: float) -> None:
     """Raise `InvalidOptionError` for the first option that is below `least` or not finite."""
     for option, value in options.items():
+        _require_number(option, value)
         if not least <= value <= sys.float_info.max:
             required = f"at least {least:g}" if value < least else "finite"
             raise InvalidOptionError.out_of_range(option, value, required)
+
+
+def _require_number(option: str, value: object) -> None:
+    try:
+        float(value if not isinstance(value, str | bytes) else "")  # type: ignore[arg-type]
+    except OverflowError:  # a whole number beyond floating point
+        return
+    except (TypeError, ValueError):
+        raise InvalidOptionError.out_of_range(option, value, "a number") from None
 
 
 class InvalidFileError(InvalidInputError):

@@ -1,11 +1,14 @@
 """Poses, rotations and directions in space: what all rooms of the package compute alike.
 
-A pose is a rigid transform, a matrix of shape (4, 4). ``X_AB`` is the pose of frame B in frame A:
+A pose is a rigid transform, a matrix of shape (4, 4), or where one is given a `RigidTransform` of
+Drake (`as_pose`). ``X_AB`` is the pose of frame B in frame A:
 a point with the coordinates ``p_B`` in B is at ``apply_pose(X_AB, p_B)`` in A. Lengths are in
 metres and angles in radians. Dimensions before those that are named are a batch.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +30,16 @@ AXES = np.vstack([np.eye(3), -np.eye(3)])
 _ROTATION_TOLERANCE = 1e-6
 
 
+def as_pose(X: Any) -> FloatArray:
+    """Return a pose as an array (..., 4, 4): of an array, or of a `RigidTransform` of Drake.
+
+    >>> as_pose(np.eye(4).tolist()).shape
+    (4, 4)
+    """
+    of_drake = getattr(X, "GetAsMatrix4", None)
+    return np.asarray(X if of_drake is None else of_drake(), dtype=np.float64)
+
+
 def make_pose(R: npt.ArrayLike, p: npt.ArrayLike = (0.0, 0.0, 0.0)) -> FloatArray:
     """Return the pose (..., 4, 4) with a rotation (..., 3, 3) and a translation (..., 3) [m].
 
@@ -40,7 +53,7 @@ def make_pose(R: npt.ArrayLike, p: npt.ArrayLike = (0.0, 0.0, 0.0)) -> FloatArra
     return X
 
 
-def apply_pose(X_AB: FloatArray, points: npt.ArrayLike) -> FloatArray:
+def apply_pose(X_AB: npt.ArrayLike, points: npt.ArrayLike) -> FloatArray:
     """Return in A the points that are given in B.
 
     Poses (..., 4, 4) move one point (3,) to (..., 3), or N points (..., N, 3) to (..., N, 3).
@@ -49,10 +62,11 @@ def apply_pose(X_AB: FloatArray, points: npt.ArrayLike) -> FloatArray:
     >>> apply_pose(quarter_turn, [1.0, 0.0, 0.0])
     array([0., 1., 2.])
     """
-    array, translations = np.asarray(points), X_AB[..., :3, 3]
+    pose, array = as_pose(X_AB), np.asarray(points)
+    translations = pose[..., :3, 3]
     if array.ndim > 1:
         translations = translations[..., None, :]
-    return np.asarray(array @ np.swapaxes(X_AB[..., :3, :3], -1, -2) + translations)
+    return np.asarray(array @ np.swapaxes(pose[..., :3, :3], -1, -2) + translations)
 
 
 def apply_inverse(X_AB: FloatArray, points: FloatArray) -> FloatArray:
@@ -65,14 +79,14 @@ def apply_inverse(X_AB: FloatArray, points: FloatArray) -> FloatArray:
     return np.asarray((points - X_AB[:3, 3]) @ X_AB[:3, :3])
 
 
-def rotate(X_AB: FloatArray, vectors: npt.ArrayLike) -> FloatArray:
+def rotate(X_AB: npt.ArrayLike, vectors: npt.ArrayLike) -> FloatArray:
     """Return along A's axes the directions that are given along B's; shapes as in `apply_pose`.
 
     >>> quarter_turn = make_pose([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.0, 0.0, 2.0])
     >>> rotate(quarter_turn, [1.0, 0.0, 0.0])
     array([0., 1., 0.])
     """
-    return np.asarray(np.asarray(vectors) @ np.swapaxes(X_AB[..., :3, :3], -1, -2))
+    return np.asarray(np.asarray(vectors) @ np.swapaxes(as_pose(X_AB)[..., :3, :3], -1, -2))
 
 
 def rotate_back(X_AB: FloatArray, vectors: FloatArray) -> FloatArray:
@@ -85,13 +99,13 @@ def relative_rotation(X_AB: FloatArray, X_AC: FloatArray) -> FloatArray:
     return np.asarray(X_AB[:3, :3].T @ X_AC[:3, :3])
 
 
-def inverse_pose(X_AB: FloatArray) -> FloatArray:
+def inverse_pose(X_AB: npt.ArrayLike) -> FloatArray:
     """Return the poses X_BA of shape (..., 4, 4).
 
     >>> inverse_pose(make_pose(np.eye(3), [1.0, 2.0, 3.0]))[:3, 3]
     array([-1., -2., -3.])
     """
-    return np.asarray(np.linalg.inv(X_AB))
+    return np.asarray(np.linalg.inv(as_pose(X_AB)))
 
 
 def require_pose(name: str, X: npt.ArrayLike) -> FloatArray:
@@ -100,7 +114,7 @@ def require_pose(name: str, X: npt.ArrayLike) -> FloatArray:
     Raises `InvalidOptionError` if it is not a rigid transform of finite numbers.
     """
     try:
-        pose = np.array(X, dtype=np.float64)
+        pose = as_pose(X).copy()
     except (TypeError, ValueError):
         pose = np.empty(0)
     if pose.shape != (4, 4) or not are_rigid(pose):

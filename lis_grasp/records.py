@@ -28,6 +28,33 @@ class Record:
         return self
 
 
+class ByValue:
+    """Base of records that are equal if all their fields are: arrays number by number, NaN to NaN.
+
+    It compares exactly; `numpy.allclose` of a field compares within a tolerance.
+    """
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        if self is other:
+            return True
+        if type(self) is not type(other):
+            return NotImplemented
+        mine, others = fields_of(self), fields_of(other)
+        return all(_are_equal(mine[name], others[name]) for name in mine)
+
+    def __hash__(self) -> int:
+        arrays = (v.tobytes() for v in fields_of(self).values() if isinstance(v, np.ndarray))
+        return hash((type(self), *arrays))
+
+
+def _are_equal(first: Any, second: Any) -> bool:
+    if isinstance(first, np.ndarray) and isinstance(second, np.ndarray):
+        return np.array_equal(first, second, equal_nan=first.dtype.kind == "f")
+    return type(first) is type(second) and bool(first == second)
+
+
 class FrozenArrays:
     """Base of frozen dataclasses whose arrays are read-only, those in mappings too."""
 

@@ -24,7 +24,11 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))
 PHONE = (390, 844)
 """Size of a common phone's screen, in CSS pixels."""
 
-_PATIENCE = 60.0  # [s]
+_PATIENCE = 180.0  # [s]: software draws, perhaps on a busy machine
+# A scene says when it is drawn, or that it cannot be; a report is whole once it is loaded.
+_DRAWN = """document.readyState === "complete" && document.body && (
+  !document.getElementById("scene-data") || document.body.dataset.ready === "true"
+  || !document.getElementById("trouble").hidden)"""
 
 
 class Browser:
@@ -108,7 +112,7 @@ class Browser:
         self.requested.clear()
         self.complaints.clear()
         self.send("Page.navigate", url=page)
-        self.wait_for("document.body?.dataset.ready === 'true'")
+        self.wait_for(_DRAWN)
         self.settle()
 
     def evaluate(self, expression: str) -> Any:
@@ -200,7 +204,8 @@ class Browser:
             if message.get("id") == number:
                 assert "error" not in message, message["error"]
                 return message["result"]
-            self._note(message)
+            if "method" in message:  # else the answer to a question that was given up
+                self._note(message)
 
     def _note(self, event: dict[str, Any]) -> None:
         details = event.get("params", {})

@@ -212,7 +212,7 @@ class Wavy:
 
     def evaluate(self, points):
         self.calls += 1
-        if self.calls > 1:
+        if self.calls > 2:  # after the checks of shapes and signs
             raise ValueError("too wavy")
         return points[..., 2]
 

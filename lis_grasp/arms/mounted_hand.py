@@ -13,6 +13,7 @@ import trimesh
 from lis_grasp.exceptions import InvalidHandError, InvalidOptionError
 from lis_grasp.geometry import (
     apply_pose,
+    as_pose,
     cross,
     frame_along,
     inverse_pose,
@@ -155,7 +156,7 @@ def _nearest(arm: Arm, hand: Hand, X_FB: FloatArray) -> tuple[str, str] | None:
 class Table:
     """A table with a flat top, on which the object is; the arm's base is on it or beside it.
 
-    What else is fixed there are obstacles.
+    Other fixed things there are obstacles.
     """
 
     height: float = 0.0  # of the top in W [m]
@@ -190,7 +191,7 @@ class MountedHand:
         table: Table | None = None,
     ) -> _Mounted:
         """Return an arm with a hand, the hand mounted as by `mount_of`."""
-        return cls(arm, hand, np.asarray(X_WA, np.float64), mount_of(arm, hand), table)
+        return cls(arm, hand, as_pose(X_WA), mount_of(arm, hand), table)
 
     def __post_init__(self) -> None:
         X_WA = require_pose("X_WA", self.X_WA)
@@ -212,7 +213,7 @@ class MountedHand:
 
     def moved(self: _Mounted, X_WA: npt.ArrayLike) -> _Mounted:
         """Return the same arm and hand with its base at another pose (4, 4)."""
-        return replace(self, X_WA=np.asarray(X_WA, np.float64))
+        return replace(self, X_WA=as_pose(X_WA))
 
     @cached_property
     def X_FH(self) -> FloatArray:
@@ -250,4 +251,4 @@ class MountedHand:
 
     def _flange_targets(self, X_WH: npt.ArrayLike) -> FloatArray:
         to_base, to_flange = inverse_pose(self.X_WA), inverse_pose(self.X_FH)
-        return np.asarray(to_base @ np.asarray(X_WH, np.float64) @ to_flange)
+        return np.asarray(to_base @ as_pose(X_WH) @ to_flange)

@@ -31,9 +31,10 @@ class ArmShake:
 class ArmUse:
     """Largest use of an arm's limits in a simulated motion, checked at every step.
 
-    Unwanted contacts are those of the arm's links with anything, of the hand with the table, but of
-    fingertips that a lift plans to slide on it, of the object with any link but fingertips and
-    pads, and of the object with any link of the hand on a transit or the approach to a grasp.
+    Unwanted are contacts of the arm's links with anything; of the hand with the table, except of
+    fingertips that a lift plans to slide on it; of the object with links other than fingertips and
+    pads in a lift; and, on a transit or the approach to a grasp, of the object with any link of the
+    hand. In a touch every link of the hand may touch the object.
     """
 
     effort: float = 0.0  #: largest fraction of a joint's effort limit
@@ -45,21 +46,30 @@ class ArmUse:
     steps: int = 0  #: that were checked
     #: steps with a contact of each unwanted pair, such as ``"palm with table"``
     contacts: dict[str, int] = field(default_factory=dict)
+    #: largest force of each of them [N]
+    forces: dict[str, float] = field(default_factory=dict)
     shakes: list[ArmShake] = field(default_factory=list)
 
 
 def violations(uses: Iterable[Mapping[str, Any]]) -> list[str]:
     """Return what the plain values of `ArmUse` violate, in words: contacts, efforts and speeds."""
     touched: dict[str, int] = {}
+    forces: dict[str, float] = {}
     limits = []
     for use in uses:
+        for pair, force in use.get("forces", {}).items():  # older reports have none
+            forces[pair] = max(force, forces.get(pair, 0.0))
         for pair, steps in use["contacts"].items():
             touched[pair] = touched.get(pair, 0) + steps
         if use["effort"] >= EFFORT_LIMIT:
             limits.append(f"{use['effort_joint']} at its largest effort")
         if use["speed"] > 1.0:
             limits.append(f"{use['speed_joint']} at {100 * use['speed']:.0f} % of its speed")
-    contacts = [f"{pair} in {counted(steps, 'step')}" for pair, steps in sorted(touched.items())]
+    contacts = [
+        f"{pair} in {counted(steps, 'step')}"
+        + (f" with up to {forces[pair]:.2g} N" if pair in forces else "")
+        for pair, steps in sorted(touched.items())
+    ]
     return [*contacts, *dict.fromkeys(limits)]
 
 

@@ -24,7 +24,7 @@ from lis_grasp.results.summary import REJECTIONS
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import ARM_NAMES
-from lis_grasp.stages.agent import base_at, find_obstacles
+from lis_grasp.stages.configured_arm import base_at, find_obstacles
 from lis_grasp.task.recorded_facts import read_facts, recorded_base
 from lis_grasp.task.task import Task
 

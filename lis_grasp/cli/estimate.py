@@ -25,6 +25,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " approach too if there are columns ax,ay,az; also .pcd, .npy, .npz, .off, .xyz and .pts;"
         " several files, one for each sensor, are joined",
     )
+    opt.add_support_option(
+        parser,
+        "height of the table under the object, which closes the estimate from below, or none for an"
+        " object that is held in the air (default: as recorded, else the estimate is not closed)",
+    )
     opt.add_reading(parser)
     names = ("estimator", "free_space", "keep_all", "position_noise", "normal_noise")
     opt.add_options(parser, *names, recorded=True)
@@ -36,7 +41,7 @@ def execute(options: argparse.Namespace) -> None:
     """Estimate the surface, and print what was written."""
     used = opt.given(options, "estimator", "free_space", "keep_all")
     sources = opt.sources(options, options.contacts)
-    made = estimate_file(sources, options.output, progress=PRINTED, **used)
+    made = estimate_file(sources, options.output, support=options.support, progress=PRINTED, **used)
     usual, high = 1e3 * np.quantile(made.mesh.vertex_attributes["uncertainty"], (0.5, 0.95))
     near = 0.5 * touch_radius(made.mesh)
     guessed = 1.0 - touch_coverage(made.mesh, made.contacts, radius=near)

@@ -21,19 +21,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(execute=execute)
 
 
-def execute(options: argparse.Namespace) -> None:
-    """Explore, and print the summary."""
+def execute(options: argparse.Namespace) -> int:
+    """Explore, print the summary, and return 0, or 1 if no contact was made."""
+    if opt.written_scene(options):
+        return 0
     task = opt.configure_touch(options)
     folder = results_folder(task, options.output)
     with watched(folder if options.watch else None):
-        _explore(task, folder, fresh=options.fresh)
+        return _explore(task, folder, fresh=options.fresh)
 
 
-def _explore(task: Task, folder: Path, *, fresh: bool) -> None:
+def _explore(task: Task, folder: Path, *, fresh: bool) -> int:
     scenario, exploration = explore_object(task, folder, progress=PRINTED, fresh=fresh)
     for line in exploration_lines(exploration_facts(scenario, exploration)):
         say(line)
     path = folder / "contacts.ply"
     say(f"ended: {exploration.ended}")
     say(f"wrote {path} ({len(exploration.contacts)} contacts), {folder / LOG}")
+    if not len(exploration.contacts):
+        say(f"next: lis-grasp view {folder} shows where the hand was; no contact was made")
+        return 1
     say(f"next: lis-grasp estimate {path}")
+    return 0

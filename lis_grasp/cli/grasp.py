@@ -30,11 +30,9 @@ _ON_LIS = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     opt.add_mesh(parser)
-    parser.add_argument(
-        "--support",
-        type=float,
-        metavar="METRES",
-        help="height of the plane below the object (default: as recorded: of an estimate, that of"
+    opt.add_support_option(
+        parser,
+        "height of the plane below the object (default: as recorded: of an estimate, that of"
         " the table, else of the lowest contact; of another MESH its lowest point)",
     )
     parser.add_argument(
@@ -71,8 +69,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(execute=execute)
 
 
-def execute(options: argparse.Namespace) -> None:
-    """Plan grasps, and print what was written."""
+def execute(options: argparse.Namespace) -> int:
+    """Plan grasps, print what was written, and return 0, or 1 if no grasp was found."""
     if options.dexgraspbench:
         require_packages("mujoco", extra="mujoco", option="--dexgraspbench")
     if options.jobs is not None and not options.label:
@@ -106,8 +104,13 @@ def execute(options: argparse.Namespace) -> None:
         folder = _write_dexgraspbench(made, options.mesh, labels)
         say(f"wrote {folder}: copy hand/lis_{hand.name}.yaml to the benchmark's config/hand, then")
         say(f"  python src/main.py task=eval hand=lis_{hand.name} save_dir={folder}")
-    known = "object" in made.recorded and made.search.grasps
+    if not made.search.grasps:
+        say(f"next: lis-grasp view {made.path.parent} shows the surface; then another hand,")
+        say("  or what the most frequent reason above names")
+        return 1
+    known = "object" in made.recorded
     say(f"next: lis-grasp {f'lift {made.path}' if known else f'view {made.path.parent}'}")
+    return 0
 
 
 def _label(options: argparse.Namespace, made: GraspedFile) -> Sequence[Mapping[str, Any]]:

@@ -75,8 +75,11 @@ def write_page(options: argparse.Namespace) -> None:
     hand = Hand.load(options.hand)
     output = options.output or Path(f"{hand.name}.html")
     findings = check_hand(hand)
-    lines = tuple(f"{'ok' if f.fine else 'FIX'}: {f.text}" for f in findings)
-    write_text(output, hand_page(hand, summary=lines))
+    lines = [f"{'ok' if f.fine else 'FIX'}: {f.text}" for f in findings]
+    fine = sum(f.fine for f in findings)
+    headline = [(f"{fine} of {len(findings)}", "checks passed")] if fine == len(findings) else []
+    headline += [(str(len(hand.joint_names)), "joints")] if headline else []
+    write_text(output, hand_page(hand, headline=headline, summary=lines))
     say(f"wrote {output}")
     say(
         f"next: open {output}; then edit the YAML and check it: lis-grasp doctor --hand"

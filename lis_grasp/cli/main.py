@@ -54,6 +54,9 @@ _VERBS = (
 )
 _CORE_VERBS = tuple(name for name, _, _ in _VERBS)
 
+# What other programs and the functions of Python call options.
+_GUESSED = dict.fromkeys(("--table", "--support-height", "--ground"), "--support")
+
 
 class _Parser(argparse.ArgumentParser):
     """Parser whose errors are one sentence, without the list of all options."""
@@ -72,7 +75,8 @@ class _Parser(argparse.ArgumentParser):
         known, unknown = super().parse_known_args(args, namespace)
         if unknown:
             options = re.findall(r"--[\w-]+", self.format_usage())
-            suggestion = nearest_of(unknown[0].partition("=")[0], options)
+            flag = unknown[0].partition("=")[0]
+            suggestion = nearest_of(_GUESSED.get(flag, flag), options)
             self.error(f"unrecognized arguments: {' '.join(unknown)}{suggestion}")
         return known, unknown
 
@@ -129,7 +133,8 @@ def _verb_registry() -> Registry:
 
     The value of an entry point of the group ``lis_grasp.verbs`` is a module with a text `HELP`,
     `EXAMPLES` as those in `cli.examples`, and a function ``add_arguments(parser)``, which sets the
-    parser's default ``execute``, a function of the parsed arguments.
+    parser's default ``execute``, a function of the parsed arguments that returns the exit code, or
+    None for 0.
     """
     from lis_grasp.plugins import Registry
 
@@ -137,7 +142,11 @@ def _verb_registry() -> Registry:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; return 0 when done, 1 when it failed, 2 on misuse, 130 on Ctrl-C."""
+    """Run the command line and return its exit code.
+
+    0 when done, 1 when it failed or found nothing (no grasp, no contact), 2 on misuse, 130 on
+    Ctrl-C.
+    """
     with interrupts_after_imports():
         return _run(arguments)
 
@@ -155,7 +164,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         options = build_parser(verb).parse_args(arguments)
         # Threads change the order of sums, and so the last digits of results.
         with threadpool_limits(1), _notes_only(), ExitStack() as options.until_end:
-            options.execute(options)
+            return int(options.execute(options) or 0)
     except LisGraspError as error:
         complain(f"lis-grasp: {_message(error, arguments)}")
         return 2 if isinstance(error, InvalidInputError) else 1
@@ -173,7 +182,6 @@ def _run(arguments: Sequence[str] | None) -> int:
             " again continues a study or an exploration, and repeats other stages"
         )
         return 130
-    return 0
 
 
 def _message(error: LisGraspError, arguments: Sequence[str]) -> str:

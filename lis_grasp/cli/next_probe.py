@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, complain, say
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError, shown
+from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Exploration, Observation, TouchLog
 from lis_grasp.io.atomic_writing import sole_writer, write_json
 from lis_grasp.results.folder import LOG, read_touches
@@ -66,12 +66,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="METRES",
         help="largest extent of the object (default: 1.2 extents of the contacts)",
     )
-    parser.add_argument(
-        "--support",
-        type=_height,
-        metavar="METRES",
-        help="height of the table that the hand avoids, or none for an object that is held in the"
-        " air (default: as recorded, else that of the lowest contact)",
+    opt.add_support_option(
+        parser,
+        "height of the table that the hand avoids, or none for an object that is held in the air"
+        " (default: as recorded, else that of the lowest contact)",
     )
     parser.add_argument(
         "--region",
@@ -138,14 +136,6 @@ def _credible(contacts: Contacts, options: argparse.Namespace, *, keep_all: bool
     credible = verdicts.credible  # raises if too many are bad: nothing was turned then
     say(f"warning: {verdicts.sentence()}")
     return credible
-
-
-def _height(text: str) -> float | str:
-    try:
-        return text if text == "none" else float(text)
-    except ValueError:
-        message = f"must be a number, or none; it is {shown(text)}"
-        raise argparse.ArgumentTypeError(message) from None
 
 
 def _place(options: argparse.Namespace, recorded: dict[str, Any]) -> ObjectPlace:

@@ -7,31 +7,33 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from lis_grasp.cli.progress import with_flags
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.cli.progress import say, with_flags
+from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.io.option import Option
 from lis_grasp.shapes import UNITS
 from lis_grasp.stages.contact_sources import ContactSource
-from lis_grasp.surfaces.contact_loading import NormalSide
+from lis_grasp.surfaces.contact_checks import NormalSide
 from lis_grasp.task.option_groups import GROUPS
-from lis_grasp.task.scene_file import is_scene_file, load_scene
+from lis_grasp.task.scene_file import SCHEMA_NAME, is_scene_file, load_scene, write_scene
 from lis_grasp.task.task import (
     IDEAL_SENSOR,
+    LIFTING,
     Task,
     option_default,
     option_kind,
     task_options,
 )
 
-TOUCH = (
-    *("hand", "estimator", "prober", "fingers", "mass", "friction", "policy"),
-    *("until_success", "until_coverage", "until_uncertainty", "max_seconds"),
-    *("position_noise", "normal_noise", "force_threshold", "taxel_pitch"),
-    *("cloud", "keep_all", "touches", "slide", "seed", "arm", "base"),
+_OPTIONS = task_options()
+
+_OBJECT, _CONDITIONS = ("size", "units", "up"), ("pose", "region", "free", "load")
+
+TOUCH = tuple(
+    name
+    for name in _OPTIONS
+    if name not in ("object", *_OBJECT, *_CONDITIONS, "free_space", "obstacles", *LIFTING)
 )
 """Options of an exploration, beside its object."""
-
-_OPTIONS = task_options()
 
 
 def add_options(
@@ -122,7 +124,7 @@ def add_conditions(parser: argparse.ArgumentParser) -> None:
         help="place, size, mass and friction of the object are known, it is fixed in the air at"
         " the pose of its mesh, and the sensor is ideal; the options below change each of these",
     )
-    add_options(conditions, "pose", "region", "free", "load")
+    add_options(conditions, *_CONDITIONS)
     conditions.add_argument(
         "--clamped", action="store_true", help="the object is fixed, as with --prober kinematic"
     )
@@ -154,14 +156,40 @@ def configure_touch(options: argparse.Namespace) -> Task:
     return Task.of(known=known, **given)
 
 
+def written_scene(options: argparse.Namespace) -> bool:
+    """Write the scene file that is asked for; return whether one is."""
+    path: Path | None = options.write_scene
+    if path is None:
+        return False
+    if not is_scene_file(path):
+        raise InvalidOptionError.out_of_range("--write-scene", str(path), "a name with .yaml")
+    write_scene(configure_touch(options), path)
+    say(f"wrote {path}, and {SCHEMA_NAME} beside it")
+    say(f"next: lis-grasp run {path}")
+    return True
+
+
 def add_object_argument(parser: argparse.ArgumentParser, *, required_name: bool = True) -> None:
     """Add the object to touch or lift, with its size and units."""
     text = _OPTIONS["object"].help
     if required_name:
-        parser.add_argument("object", metavar="OBJECT", help=text)
+        parser.add_argument("object", metavar="OBJECT", help=f"{text}, or a scene file (YAML)")
     else:
         parser.add_argument("--object", metavar="OBJECT", help=f"{text} (default: as recorded)")
-    add_options(parser, "size", "units", "up")
+    add_options(parser, *_OBJECT)
+
+
+def add_support_option(parser: argparse.ArgumentParser, meaning: str) -> None:
+    """Add the height of the table under the object."""
+    parser.add_argument("--support", type=_height, metavar="METRES", help=meaning)
+
+
+def _height(text: str) -> float | str:
+    try:
+        return text if text == "none" else float(text)
+    except ValueError:
+        message = f"must be a number, or none; it is {shown(text)}"
+        raise argparse.ArgumentTypeError(message) from None
 
 
 def add_output(parser: argparse.ArgumentParser, default: str) -> None:
@@ -176,6 +204,12 @@ def add_exploration(parser: argparse.ArgumentParser, *later: str) -> None:
     add_object_argument(parser)
     add_conditions(parser)
     add_options(parser, *TOUCH, *later)
+    parser.add_argument(
+        "--write-scene",
+        type=Path,
+        metavar="FILE",
+        help="write these options as a scene file, which OBJECT may be, and its schema; no run",
+    )
     parser.add_argument(
         "--fresh",
         action="store_true",

@@ -26,18 +26,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(execute=execute)
 
 
-def execute(options: argparse.Namespace) -> None:
-    """Run every stage, and print the summary, for each object."""
+def execute(options: argparse.Namespace) -> int:
+    """Run every stage, and print the summary, for each object.
+
+    Returns 0, or 1 if no grasp was found for one of them.
+    """
+    if opt.written_scene(options):
+        return 0
     if options.more:
-        _run_each(options, [options.object, *options.more], options.output or _SEVERAL)
-        return
+        return _run_each(options, [options.object, *options.more], options.output or _SEVERAL)
     task = opt.configure_touch(options)
     folder = results_folder(task, options.output)
     with watched(folder if options.watch else None):
-        _run(task, folder, fresh=options.fresh)
+        return _run(task, folder, fresh=options.fresh)
 
 
-def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> None:
+def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> int:
     names = [Path(name).stem for name in objects]
     if options.watch or len({*names}) < len(names):
         raise InvalidOptionError(
@@ -47,23 +51,26 @@ def _run_each(options: argparse.Namespace, objects: list[str], output: Path) -> 
     folders = [results_folder(t, output / n) for t, n in zip(tasks, names, strict=True)]
     for task in tasks:
         find_object(task.world)
-    failed = []
+    failed, code = [], 0
     for name, task, folder in zip(names, tasks, folders, strict=True):
         try:
-            _run(task, folder, fresh=options.fresh)
+            code = _run(task, folder, fresh=options.fresh) or code
         except LisGraspError as error:
             failed.append(name)
             complain(f"{name}: {error}")
     if failed:
         of = f"of {counted(len(names), 'object')}, {len(failed)} failed"
         raise EstimationError(f"{of}: {', '.join(failed)}")
+    return code
 
 
-def _run(task: Task, folder: Path, *, fresh: bool) -> None:
+def _run(task: Task, folder: Path, *, fresh: bool) -> int:
     run = run_task(task, folder, progress=PRINTED, fresh=fresh)
-    if run.grasps is not None and not run.grasps.grasps:
+    found = run.grasps is None or len(run.grasps) > 0
+    if run.grasps is not None and not found:
         say_search(run.grasps)
     for line in run_lines(run.report or {}):
         say(line)
     say(f"wrote {run.folder}/contacts.ply, surface.ply, grasps.json, report.json, scene.html")
     say(f"next: open {run.folder}/scene.html, or: lis-grasp view {run.folder}")
+    return 0 if found else 1

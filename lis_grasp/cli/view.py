@@ -14,7 +14,8 @@ from tempfile import TemporaryDirectory
 from lis_grasp.cli.progress import complain, say
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.results.folder import scene_is_outdated
-from lis_grasp.results.page import Watched, follow, renewer, scene_of
+from lis_grasp.results.live_page import Watched, follow, renewer
+from lis_grasp.results.page import scene_of
 from lis_grasp.visualization.scene_server import LOCALHOST, SCENE_FILE
 
 

@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory, joined, minimum_jerk
 from lis_grasp.drake._hand_motion import LEVER, HandMotion
-from lis_grasp.drake._ports import rigid
 from lis_grasp.exploration.probe_motions import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.exploration.states import NextProbe
 from lis_grasp.exploration.workspace import Workspace
@@ -23,6 +22,7 @@ from lis_grasp.probing.course import Course, path_back, path_out
 from lis_grasp.probing.probe_planner import NO_ARM_TRANSIT, ProbePlanner, home_of, transit_radii
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import by_joint_kind
+from lis_grasp.simulation.drake.plant_parts import rigid
 from lis_grasp.typing import FloatArray
 
 NO_TRANSIT = "the hand has no collision-free way to the approach"

@@ -6,10 +6,7 @@ from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
 from pydrake.common.value import AbstractValue
-from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, DependencyTicket, InputPort, LeafSystem, OutputPort
-
-from lis_grasp.typing import FloatArray
 
 _Value = TypeVar("_Value")
 _Made = TypeVar("_Made")
@@ -48,11 +45,6 @@ def read_port(port: InputPort, context: Context, kind: type[_Value], source: str
             f" {kind.__name__}; it has a {type(value).__name__}: connect {source}"
         )
     return value
-
-
-def rigid(X: FloatArray) -> RigidTransform:
-    """Return a pose (4, 4), a rotation but for rounding, as Drake's."""
-    return RigidTransform(RotationMatrix.ProjectToRotationMatrix(X[:3, :3]), X[:3, 3])
 
 
 class MadeOnce(Generic[_Value, _Made]):

@@ -19,6 +19,14 @@ from lis_grasp.simulation.drake import hand_plant, object_plant
 from lis_grasp.simulation.drake.hand_plant import PROBING_SKIN, HandInPlant
 from lis_grasp.simulation.drake.link_plant import add_visuals
 from lis_grasp.simulation.drake.object_plant import in_memory
+from lis_grasp.simulation.drake.plant_parts import (
+    frame_of,
+    instance_of,
+    numbers_of,
+    pose_of,
+    require_plant,
+    wrong_type,
+)
 from lis_grasp.typing import FloatArray
 
 _WOOD = (0.8, 0.62, 0.4, 1.0)
@@ -29,8 +37,8 @@ def add_hand(
     hand: Hand | str | Path,
     *,
     name: str = "hand",
-    instance: ModelInstanceIndex | None = None,
-    parent: Frame | None = None,
+    instance: ModelInstanceIndex | str | None = None,
+    parent: Frame | RigidBody | str | None = None,
     X_PG: RigidTransform | None = None,
     gains: tuple[FloatArray, FloatArray] | None = None,
     friction: float = USUAL_FRICTION,
@@ -52,10 +60,10 @@ def add_hand(
     name
         Of the new model instance.
     instance
-        The model instance of a hand that ``Parser`` or directives added to the plant, which may be
-        finalized: links and joints are found by name.
+        The model instance, or its name, of a hand that ``Parser`` or directives added to the plant:
+        links and joints are found by name. In a finalized plant it keeps its weight.
     parent, X_PG
-        A frame to which G is welded, and the pose of G in it; None for the identity.
+        A frame or body to which G is welded, and the pose of G in it; None for the identity.
     gains
         Stiffness and damping of the joints, each (J,) [N m/rad, N m s/rad; or N/m, N s/m]; None for
         the gains of probing.
@@ -67,7 +75,8 @@ def add_hand(
     Raises
     ------
     InvalidOptionError
-        If the instance lacks a link, a joint or a motor of the hand.
+        If an option is not of its kind or range, or the instance lacks a link, a joint or a motor
+        of the hand.
     InvalidHandError
         If there is no such hand.
 
@@ -79,15 +88,31 @@ def add_hand(
     ('left', 'body')
     """
     found = hand if isinstance(hand, Hand) else Hand.load(hand)
+    plant = require_plant(plant)
     if instance is not None:
-        return hand_plant.find_hand(plant, found, instance)
+        return hand_plant.find_hand(plant, found, instance_of(plant, instance, "instance"))
     _require_open(plant, name)
+    if parent is None and X_PG is not None:
+        raise wrong_type("parent", parent, "the Frame or RigidBody of the pose X_PG")
+    frame = None if parent is None else frame_of(plant, parent, "parent")
+    X_PG = pose_of(X_PG, "X_PG")
+    friction = float(numbers_of(friction, "friction", (), least=0.0))
+    modulus = float(numbers_of(modulus, "modulus", (), least=1.0))
+    if gains is not None:
+        kp, kd = numbers_of(gains, "gains", (2, len(found.joint_names)), least=0.0)
+        gains = kp, kd
+    if plant.time_step() == 0.0 and any(joint.follows for joint in found.joints):
+        raise InvalidOptionError(
+            f"{found.name} needs a plant with a time step: Drake couples joints in discrete plants"
+            " only",
+            option="plant",
+        )
     added = hand_plant.add_hand_model(
         plant, found, name=name, gains=gains, friction=friction, modulus=modulus
     )
     add_visuals(plant, found, added.links)
-    if parent is not None:
-        plant.WeldFrames(parent, added.base.body_frame(), X_PG or RigidTransform())
+    if frame is not None:
+        plant.WeldFrames(frame, added.base.body_frame(), X_PG)
     return added
 
 
@@ -139,7 +164,7 @@ def add_object(
     mass = default_mass(shape.mesh) if mass is None else mass
     require_load(mass=mass, friction=friction)
     flat = merge_flat_faces(shape.mesh)
-    _require_open(plant, name)
+    _require_open(require_plant(plant), name)
     body = object_plant.add_object_body(plant, flat, mass=mass, friction=friction, name=name).body
     look = Mesh(in_memory(shape.mesh, name))
     plant.RegisterVisualGeometry(body, RigidTransform(), look, f"{name}_visual", _WOOD)
@@ -148,6 +173,8 @@ def add_object(
 
 def _require_open(plant: MultibodyPlant, name: str) -> None:
     """Raise `InvalidOptionError` unless a model instance of a name can be added to a plant."""
+    if not isinstance(name, str):
+        raise wrong_type("name", name, "the name of a new model instance")
     if not plant.geometry_source_is_registered():
         raise InvalidOptionError(
             "the plant needs a SceneGraph: make both by AddMultibodyPlantSceneGraph", option="plant"

@@ -11,13 +11,15 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.drake._drawing import Drawing, show_hand
-from lis_grasp.drake._ports import MadeOnce, declare_output, read_port, rigid
+from lis_grasp.drake._ports import MadeOnce, declare_output, read_port
 from lis_grasp.drake.surface_estimator import Estimate
+from lis_grasp.exceptions import require_positive
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
 from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
+from lis_grasp.simulation.drake.plant_parts import pose_of, require_type, rigid
 from lis_grasp.stages.estimate import Perception
 from lis_grasp.typing import FloatArray
 
@@ -91,11 +93,14 @@ class GraspPlanner(LeafSystem):
     ) -> None:
         super().__init__()
         require_in_plant("GraspPlanner", hand)
+        require_type("prior", prior, LoadPrior)
+        require_type("obstacles", obstacles, trimesh.Trimesh)
+        require_positive(count=count)
         self._hand, self._table, self._count, self._seed = hand.hand, table, count, seed
         self._sampler = ForceClosureSampler(
             hand.hand, prior, candidates=candidates, station=station, obstacles=obstacles
         )
-        self._X_WE, self._actuated = X_WE or RigidTransform(), hand.actuated
+        self._X_WE, self._actuated = pose_of(X_WE, "X_WE"), hand.actuated
         self._drawing = None if meshcat is None else Drawing(meshcat, path, self._X_WE)
         empty = Estimate(Contacts.empty(), Perception())
         self._estimate = self.DeclareAbstractInputPort("estimate", AbstractValue.Make(empty))

@@ -41,9 +41,8 @@ from lis_grasp.probing.guarded_motion import AT_TABLE
 from lis_grasp.probing.probe_planner import ProbePlanner
 from lis_grasp.records import Record
 from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
-from lis_grasp.stages.estimate import Perception
+from lis_grasp.simulation.drake.plant_parts import numbers_of, pose_of, require_type, wrong_type
 from lis_grasp.stages.touch import make_policy
-from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
 # Largest number of probes without a way that one update skips.
@@ -155,7 +154,11 @@ class HapticExplorer(LeafSystem):
                 option="space",
             )
         require_positive(probe_speed=probe_speed, period=period)
-        X_WE = X_WE or RigidTransform()
+        require_type("noise", noise, TactileSensor)
+        require_type("station", station, Station)
+        if not isinstance(policy, str) and not callable(policy):
+            raise wrong_type("policy", policy, "the name of a policy, or a function of a Workspace")
+        X_WE = pose_of(X_WE, "X_WE")
         self._sensor, self._seed = noise or TactileSensor(), seed
         self._X_WE = X_WE.GetAsMatrix4()
         self._X_LH, self._actuated = hand.hand.X_LH, hand.actuated
@@ -174,7 +177,9 @@ class HapticExplorer(LeafSystem):
         else:
             planner = ProbePlanner(hand.hand, probe_speed=probe_speed)
             q = next(iter(hand.hand.probe_postures.values())).joint_positions
-            start = home, q if q_home is None else np.asarray(q_home, np.float64)
+            if q_home is not None:
+                q = numbers_of(q_home, "q_home", q.shape, least=-np.inf)
+            start = pose_of(home, "home"), q
             self._mover = FreeMover(hand.hand, planner, X_WE, start, probe_speed)
         self._declare(0 if station is None else len(station.arm.joint_names), period)
 
@@ -187,7 +192,7 @@ class HapticExplorer(LeafSystem):
     def _declare(self, arm_joints: int, period: float) -> None:
         """Declare ports, state and update."""
         empty = Contacts.empty()
-        estimate = Estimate(empty, Perception())
+        estimate = Estimate(empty)
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(empty))
         self._estimate = self.DeclareAbstractInputPort("estimate", AbstractValue.Make(estimate))
         start = _Progress("begin", self._mover.home())
@@ -231,12 +236,8 @@ class HapticExplorer(LeafSystem):
         source = "the output 'estimate' of a SurfaceEstimator"
         estimate = read_port(self._estimate, context, Estimate, source)
 
-        def estimated(known: Contacts) -> ImplicitSurface:
-            assert estimate.solid is not None
-            return estimate.solid
-
         strategy, explored = self._strategy, before.exploration
-        perception = TactilePerception(estimated, sensor=self._sensor)
+        perception = TactilePerception(estimate.guide, sensor=self._sensor)
         if explored is None or len(contacts) < before.known:  # the sensor was reset
             explored = begin(replace(perception, prior=contacts), strategy)
         elif before.probe is not None:

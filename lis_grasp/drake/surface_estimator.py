@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import trimesh
@@ -17,6 +17,7 @@ from lis_grasp.drake._ports import MadeOnce, declare_output, read_port
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.exploration import TactileSensor
 from lis_grasp.records import Record
+from lis_grasp.simulation.drake.plant_parts import pose_of, require_type
 from lis_grasp.stages.estimate import Perception, SurfaceEstimate
 from lis_grasp.surfaces import Estimator, ImplicitSurface
 
@@ -28,7 +29,7 @@ class Estimate(Record):
     """The estimate of contacts; each part is made at its first use."""
 
     contacts: Contacts
-    perception: Perception
+    perception: Perception = field(default_factory=Perception)
 
     @cached_property
     def _made(self) -> SurfaceEstimate | None:
@@ -38,6 +39,11 @@ class Estimate(Record):
     def solid(self) -> ImplicitSurface | None:
         """The surface before free space is removed; None without contacts."""
         return None if self._made is None else self._made.solid
+
+    def guide(self, contacts: Contacts) -> ImplicitSurface:
+        """Return the surface that guides touches, of the same contacts."""
+        assert self.solid is not None
+        return self.solid
 
     @property
     def surface(self) -> ImplicitSurface | None:
@@ -117,11 +123,14 @@ class SurfaceEstimator(LeafSystem):
         replay: bool = False,
     ) -> None:
         super().__init__()
+        X_WE = pose_of(X_WE, "X_WE")
+        require_type("noise", noise, TactileSensor)
         perception = Perception(
             estimator=estimator,
             sensor=noise or TactileSensor(),
             free_space=free_space,
             support_height=table,
+            normals="outward",  # those of a TouchSensor
         )
         _ = perception.make  # an unknown name is an error now
         empty = Contacts.empty()
@@ -135,7 +144,7 @@ class SurfaceEstimator(LeafSystem):
             {self._contacts.ticket()},
         )
         if meshcat is not None:
-            self._drawing = Drawing(meshcat, path, X_WE or RigidTransform(), replay=replay)
+            self._drawing = Drawing(meshcat, path, X_WE, replay=replay)
             self.DeclarePeriodicPublishEvent(_DRAWN_EVERY, 0.0, self._draw)
             self.DeclareForcedPublishEvent(self._draw)
 

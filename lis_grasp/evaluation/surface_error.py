@@ -24,6 +24,7 @@ from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.shapes.shape import require_mesh
 from lis_grasp.shapes.solids import solid_of
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+from lis_grasp.underflow import underflows
 
 SAMPLES = 10_000
 """Points on each surface, and along all edges."""
@@ -83,6 +84,7 @@ class SurfaceError(Record):
     explored_radius: float | None
 
 
+@underflows
 def surface_error(
     estimate: trimesh.Trimesh,
     truth: Shape | trimesh.Trimesh | str | Path,

@@ -28,7 +28,7 @@ from lis_grasp.exploration.stopping import (
 from lis_grasp.exploration.strategy import ExplorationStrategy, choose
 from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.touch_log import LoggedProbe, TouchLog, load_observations, load_outcomes
-from lis_grasp.exploration.workspace import STEP_FRACTION, Workspace
+from lis_grasp.exploration.workspace import STEP_FRACTION, ObstacleModel, Workspace
 
 __all__ = [
     "DEFAULT_REGION",
@@ -43,6 +43,7 @@ __all__ = [
     "MovingProber",
     "NextProbe",
     "Observation",
+    "ObstacleModel",
     "Policy",
     "PoseTracker",
     "Probe",

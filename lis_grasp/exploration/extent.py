@@ -9,7 +9,7 @@ import numpy as np
 
 from lis_grasp.contacts import HALF_SPACE, Contacts
 from lis_grasp.exploration.observations import Landmark
-from lis_grasp.exploration.probe import Probe, ProbeOutcome, are_touches
+from lis_grasp.exploration.probe import Probe, ProbeOutcome, ProbeStatus, are_touches
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import unit
 from lis_grasp.typing import FloatArray
@@ -70,14 +70,15 @@ class End:
         return bool(-(probe.direction @ self.out) > _ALONG)
 
     @property
-    def is_new(self) -> bool:
-        """Whether no motion inward was made, and no landmark shows what it would touch."""
-        return not self.touched and not self.tried
+    def met(self) -> list[ProbeStatus]:
+        """What motions inward meet: first landmarks, then what they met when they were made."""
+        statuses: list[ProbeStatus] = ["touched" for _ in self.touched]
+        return statuses + [outcome.status for outcome in self.tried]
 
     @property
     def is_open(self) -> bool:
         """Whether it is not closed, and tries are left."""
-        return len(self.touched) + len(self.tried) < _TRIES and not self.is_closed
+        return len(self.met) < _TRIES and not self.is_closed
 
     @property
     def is_closed(self) -> bool:
@@ -88,7 +89,7 @@ class End:
         """
         points, normals = self.contacts.points, self.contacts.normals
         found = normals @ self.out > _FACES_OUT
-        known = [(landmark.probe, landmark.contact) for landmark in self.touched]
+        known = [(landmark.probe, landmark.contacts) for landmark in self.touched]
         for probe, made in (*known, *((o.probe, o.contacts) for o in self.tried)):
             for contact in made:
                 aside = abs(float((contact.points[0] - probe.target) @ self.across))
@@ -125,14 +126,12 @@ class End:
         places, extreme = self.contacts.points @ self.across, self.extreme
         middle = 0.5 * float(places.min() + places.max())
         height = 0.5 * float(self.contacts.points[:, 2].max())
-        tried = self.tried
-        met = tried[-1].status if tried else "touched" if self.touched else "blocked"
-        if met != "blocked":
+        met = self.met
+        if met and met[-1] != "blocked":
             middle = float(extreme @ self.across)
-            if met == "missed":
-                height = float(extreme[2]) if len(self.touched) + len(tried) < 2 else 0.0
-        blocked = sum(o.status == "blocked" for o in tried)
-        beyond = _BEYOND[min(blocked, len(_BEYOND) - 1)]
+            if met[-1] == "missed":
+                height = float(extreme[2]) if len(met) < 2 else 0.0
+        beyond = _BEYOND[min(met.count("blocked"), len(_BEYOND) - 1)]
         inside = 0.5 * float(np.ptp(self.contacts.points @ self.out)) + self.space.step
         return Probe(self._place(0.0, middle, height), -self.out, beyond, inside)
 
@@ -237,7 +236,7 @@ def extent_probe(
     ends = ends_of(space, contacts, outcomes, landmarks)
     found = [end for end in ends if end.is_open]
     if found:
-        return min(found, key=lambda end: (not end.is_new, float(end.out @ normal))).inward()
+        return min(found, key=lambda end: (len(end.met) > 0, float(end.out @ normal))).inward()
     lengths = [float(np.ptp(contacts.points @ end.out)) for end in (ends[0], ends[2])]
     if max(lengths) < max(_LONG * min(lengths), contacts.points[:, 2].max()):
         return None

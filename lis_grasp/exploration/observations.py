@@ -9,7 +9,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.planar_motion import PoseBelief
-from lis_grasp.exploration.probe import Probe, ProbeOutcome, ProbeStatus, are_touches
+from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, ProbeStatus, are_touches
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.records import Record, short_repr
 from lis_grasp.typing import FloatArray, IndexArray
@@ -81,10 +81,11 @@ class Observation(Record):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Landmark(Record):
-    """A known contact, and the probe that touches it again to show where the object is."""
+    """A known place of an object, and the probe that touches it again to show where it is."""
 
     probe: Probe
-    contact: Contacts  #: one, in the frame of the probe
+    contacts: Contacts  #: of a touch there, in the frame of the probe; the first is the place
+    hand_pose: HandPose | None = None  #: of the touch; None if it is not known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +116,7 @@ class ObjectMap(Record):
     def landmarks(self) -> list[Landmark]:
         """All known landmarks: those from before, and one of each probe that touched."""
         touches = (outcome for outcome in self.outcomes if outcome.status == "touched")
-        return [*self.known, *(Landmark(o.probe, o.contacts.subset([0])) for o in touches)]
+        return [*self.known, *(Landmark(o.probe, o.contacts, o.hand_pose) for o in touches)]
 
     @property
     def size(self) -> int:
@@ -126,8 +127,8 @@ class ObjectMap(Record):
         """Return the contacts that were touched before the first probe, without duplicates."""
         contacts = Contacts.empty()
         for landmark in self.known:
-            rows = new_contacts(contacts, landmark.contact)
-            new = landmark.contact.subset(rows)
+            rows = new_contacts(contacts, landmark.contacts)
+            new = landmark.contacts.subset(rows)
             none = replace(new, free_points=np.empty((0, 3)), free_radii=np.empty(0))
             contacts = contacts.append(none)
         return contacts

@@ -24,6 +24,7 @@ from lis_grasp.records import short_repr
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.implicit_surface import DeferredSurface
 from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.underflow import underflows
 
 # The surface is estimated anew when the touches have grown by this fraction, or by one.
 _GROWTH = 1.0 / 16.0
@@ -62,6 +63,7 @@ class TactilePerception:
     __repr__ = short_repr
 
 
+@underflows
 def begin(
     perception: TactilePerception,
     strategy: ExplorationStrategy | None = None,
@@ -74,6 +76,7 @@ def begin(
     return _begun(perception, strategy, (), PoseBelief.start(), recorded)
 
 
+@underflows
 def begin_again(
     perception: TactilePerception,
     strategy: ExplorationStrategy,
@@ -111,6 +114,7 @@ def _begun(
     return _with_landmark(perception, state)
 
 
+@underflows
 def advance(
     perception: TactilePerception, state: ExplorationState, outcome: ProbeOutcome
 ) -> ExplorationState:

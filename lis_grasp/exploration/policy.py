@@ -277,5 +277,5 @@ class RegionPolicy:
     def _landmarks_among(self, contacts: Contacts) -> Sequence[Landmark]:
         """Return the landmarks if contacts are of their map; none after a loss of the object."""
         points = {point.tobytes() for point in contacts.points}
-        here = any(landmark.contact.points[0].tobytes() in points for landmark in self.landmarks)
+        here = any(landmark.contacts.points[0].tobytes() in points for landmark in self.landmarks)
         return self.landmarks if here else ()

@@ -12,8 +12,9 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_at_least
 from lis_grasp.exploration.observations import Landmark, Observation
 from lis_grasp.exploration.planar_motion import PoseBelief, PoseTrust, push_of
-from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
 from lis_grasp.exploration.states import ExplorationState
+from lis_grasp.geometry import relative_rotation
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
@@ -27,7 +28,8 @@ _DEEP, _DEPTH = 4.0, 0.004
 # After a contradiction, the object is found when all contacts are so certain again [m], and lost
 # after so many probes; another contradiction counts as two, and soon after it was found as lost.
 _FOUND, _LOST_AFTER = 0.003, 6
-# Cosine of the angle to the normal of a contact before, beyond which a repetition met another side.
+# Cosine of the angle to the normal of a contact before, beyond which a repetition met another side,
+# and of the hand's turn, beyond which it is none: another roll leads the finger to another place.
 _SAME_SIDE = 0.87
 # A place is touched again when its position is so uncertain [m], and so many times more than a
 # touch makes it.
@@ -69,7 +71,7 @@ class PoseTracker:
 
     A repeated probe far off its first contact, or free space where contacts were, shows a large
     motion: the pose becomes uncertain, and the next touches register it. If they contradict the
-    estimate too, the object has toppled or rolled away, and a second map begins (`maps_of`).
+    estimate too, the object has toppled or rolled away, and a second map begins (`Maps`).
 
     Parameters
     ----------
@@ -115,8 +117,8 @@ class PoseTracker:
             return None
         if belief.suspicious and not spent:
             return _sideways(touches, observations[-1].outcome).probe
-        points = np.array([touch.contact.points[0] for touch in touches])
-        normals = np.array([touch.contact.normals[0] for touch in touches])
+        points = np.array([touch.contacts.points[0] for touch in touches])
+        normals = np.array([touch.contacts.normals[0] for touch in touches])
         deviations = np.sqrt(belief.variances(points, normals))
         best = int(np.argmax(deviations))
         least = max(_UNCERTAIN, _WORTHWHILE * belief.push_deviation)
@@ -140,8 +142,9 @@ class PoseTracker:
         certain = state.estimated if len(known) >= _FEW else None
         contradicted = certain is not None and _free_where_touched(outcome, known, belief)
         target = outcome.probe.target
-        same = (o for o in recent.landmarks if np.array_equal(o.probe.target, target))
-        place = next((landmark.contact for landmark in same if repeated), None)
+        same = [o for o in recent.landmarks if np.array_equal(o.probe.target, target)]
+        same = [o for o in same if _turned_alike(o.hand_pose, outcome.hand_pose)]
+        place = next((landmark.contacts.subset([0]) for landmark in same if repeated), None)
         if place is not None:  # it is missed, or another side is there
             alike = contacts.normals @ place.normals[0] > _SAME_SIDE
             contradicted |= outcome.status == "missed" or (len(alike) > 0 and not alike.any())
@@ -152,7 +155,7 @@ class PoseTracker:
             belief, surprise = self._measured(belief, contacts, place or known, certain, place)
             # Elsewhere the estimate may be wrong: only a known place is evidence of a motion.
             usable = surprise <= _CONTRADICTION
-            contradicted |= repeated and not usable
+            contradicted |= place is not None and not usable
             suspicious = surprise > _SUSPICIOUS
             deviations = np.sqrt(belief.variances(contacts.points, contacts.normals))
             usable &= not (
@@ -283,11 +286,19 @@ def _nothing_left(outcomes: Sequence[ProbeOutcome], known: Contacts) -> bool:
     return 0 < len(known) < _FEW and len(last) == _NOTHING_LEFT and not touched
 
 
+def _turned_alike(first: HandPose | None, second: HandPose | None) -> bool:
+    """Return whether the hand had about the same rotation in two touches, as far as is known."""
+    if first is None or second is None:
+        return True
+    R = relative_rotation(first.X_OH, second.X_OH)
+    return bool(0.5 * (np.trace(R) - 1.0) > _SAME_SIDE)
+
+
 def _sideways(touches: Sequence[Landmark], last: ProbeOutcome) -> Landmark:
     """Return the landmark on a side that faces most like that of the last, but another one."""
     others = [touch for touch in touches if touch.probe is not last.probe] or list(touches)
     normal = last.contacts.normals[0] if len(last.contacts) else -last.probe.direction
-    alike = [abs(touch.contact.normals[0][:2] @ normal[:2]) for touch in others]
+    alike = [abs(touch.contacts.normals[0][:2] @ normal[:2]) for touch in others]
     return others[int(np.argmax(alike))]
 
 

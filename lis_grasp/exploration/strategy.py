@@ -16,6 +16,7 @@ from lis_grasp.exploration.stopping import StopRule
 from lis_grasp.exploration.targets import choose_slides
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.records import short_repr
+from lis_grasp.underflow import underflows
 
 # An exploration gives up after this many probes for each touch, and these on top.
 _PROBES_PER_TOUCH, _SPARE_PROBES = 4, 20
@@ -60,6 +61,7 @@ class ExplorationStrategy:
         require_at_least(0, slide=self.slide)
 
 
+@underflows
 def choose(
     strategy: ExplorationStrategy, state: ExplorationState, *, rng: np.random.Generator
 ) -> NextProbe | str:

@@ -5,19 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Protocol, get_args, overload
+from typing import TYPE_CHECKING, Any, Protocol, get_args, overload
 
 import numpy as np
 import trimesh
 
-from lis_grasp.exceptions import InvalidOptionError, NoGraspError
+from lis_grasp.exceptions import InvalidOptionError, NoGraspError, require_packages
+from lis_grasp.geometry import as_pose
 from lis_grasp.io.grasp_files import read_grasp_file, write_grasp_file
-from lis_grasp.records import Record, fields_of, read_only, reduce_record, short_repr
+from lis_grasp.records import ByValue, Record, fields_of, read_only, reduce_record, short_repr
 from lis_grasp.robots.robot_model import GraspFamily
 from lis_grasp.shapes.object_mass import USUAL_FRICTION, USUAL_MASS, require_load
 from lis_grasp.typing import FloatArray
+
+if TYPE_CHECKING:
+    import pandas
 
 STANDOFF = 0.12
 """Length of the straight approach, which must be free [m]."""
@@ -28,8 +33,12 @@ LIFT = 0.1
 _NODES, _WEIGHTS = (0.0, -np.sqrt(3.0), np.sqrt(3.0)), (2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0)
 
 
+# Columns of a search in a notebook.
+_DISPLAYED = ("rank", "hand", "family", "fingers", "epsilon", "success_probability")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Grasp(Record):
+class Grasp(ByValue, Record):
     """Palm pose, joint positions, contacts and quality of a grasp.
 
     Parameters
@@ -94,7 +103,8 @@ class Grasp(Record):
             ("contact_normals", (contacts, 3)),
             ("contact_forces", (contacts, 3)),
         ):
-            array = np.array(getattr(self, name), dtype=np.float64)
+            value = getattr(self, name)
+            array = as_pose(value).copy() if name == "X_OH" else np.array(value, dtype=np.float64)
             if array.shape != shape or not np.isfinite(array).all():
                 raise InvalidOptionError(
                     f"a grasp's {name} must be finite numbers of shape {shape};"
@@ -139,7 +149,7 @@ class Grasp(Record):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GraspSearch(Record, Sequence[Grasp]):
+class GraspSearch(ByValue, Record, Sequence[Grasp]):
     """The result of a search for grasps, which may have found none: a sequence, the best first.
 
     Parameters
@@ -169,6 +179,43 @@ class GraspSearch(Record, Sequence[Grasp]):
     def __len__(self) -> int:
         return len(self.grasps)
 
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a table of the grasps, a row each, the best first.
+
+        Its columns are the rank, hand, family, place of the palm [m], and every quality.
+
+        Raises `InvalidOptionError` if pandas is not installed.
+        """
+        require_packages("pandas", extra="study", option="to_pandas")
+        import pandas
+
+        return pandas.DataFrame(self._rows()).set_index("rank")
+
+    def _repr_html_(self) -> str:
+        """Return the grasps as a small table, which a notebook displays."""
+        if not self.grasps:
+            return f"<p>{escape(_no_grasp(self))}</p>"
+        rows = [{name: row[name] for name in _DISPLAYED if name in row} for row in self._rows()]
+        head = "".join(f"<th>{escape(name)}</th>" for name in rows[0])
+        body = "".join(
+            f"<tr>{''.join(f'<td>{escape(_shown(value))}</td>' for value in row.values())}</tr>"
+            for row in rows
+        )
+        return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+    def _rows(self) -> list[dict[str, Any]]:
+        return [
+            {
+                "rank": rank,
+                "hand": grasp.hand,
+                "family": grasp.family,
+                "fingers": ", ".join(grasp.contact_fingers),
+                **dict(zip("xyz", grasp.X_OH[:3, 3].tolist(), strict=True)),
+                **grasp.quality,
+            }
+            for rank, grasp in enumerate(self.grasps, start=1)
+        ]
+
     @overload
     def __getitem__(self, index: int) -> Grasp: ...
     @overload
@@ -183,9 +230,7 @@ class GraspSearch(Record, Sequence[Grasp]):
         Raises `NoGraspError` if there is none; the message counts the reasons of rejection.
         """
         if not self.grasps:
-            reasons = sorted(self.rejections.items(), key=lambda item: -item[1])
-            counts = ", ".join(f"{name} {count}" for name, count in reasons) or "none was sampled"
-            raise NoGraspError(f"no grasp was found among {self.candidates} candidates: {counts}")
+            raise NoGraspError(_no_grasp(self))
         return self.grasps[0]
 
     @classmethod
@@ -199,6 +244,17 @@ class GraspSearch(Record, Sequence[Grasp]):
     def save(self, path: Path | str, *, header: str = "") -> None:
         """Write a grasps.json file, the best grasp first; `header` says what made it."""
         write_grasp_file(fields_of(self), Path(path), header=header)
+
+
+def _no_grasp(search: GraspSearch) -> str:
+    """Return why a search found none, in words."""
+    reasons = sorted(search.rejections.items(), key=lambda item: -item[1])
+    counts = ", ".join(f"{name} {count}" for name, count in reasons) or "none was sampled"
+    return f"no grasp was found among {search.candidates} candidates: {counts}"
+
+
+def _shown(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 @dataclass(frozen=True, slots=True)

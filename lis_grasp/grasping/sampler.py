@@ -26,6 +26,7 @@ from lis_grasp.grasping.hand_capacity import least_pinched_height
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.shape import require_mesh
 from lis_grasp.typing import FloatArray, IndexArray, Seed
+from lis_grasp.underflow import underflows
 
 _LOG = logging.getLogger(__name__)
 
@@ -91,6 +92,7 @@ class ForceClosureSampler:
         self.hand, self.candidates, self.station = hand, candidates, station
         self.prior = LoadPrior(**load) if prior is None else prior
 
+    @underflows
     def sample(
         self,
         mesh: trimesh.Trimesh,

@@ -122,7 +122,8 @@ def _is_ply(path: Path) -> bool:
     return ending == ".ply"
 
 
-def _columns(contacts: Mapping[str, Any]) -> dict[str, npt.NDArray[Any]]:
+def contact_columns(contacts: Mapping[str, Any]) -> dict[str, npt.NDArray[Any]]:
+    """Return the columns of a file of contacts by name, without fingers and free points."""
     columns = dict(zip(POINT, contacts["points"].T, strict=True))
     columns |= dict(zip(NORMAL, contacts["normals"].T, strict=True))
     columns |= {} if contacts["forces"] is None else {"force": contacts["forces"]}
@@ -131,7 +132,7 @@ def _columns(contacts: Mapping[str, Any]) -> dict[str, npt.NDArray[Any]]:
 
 
 def _to_ply(contacts: Mapping[str, Any], header: str) -> bytes:
-    columns = _columns(contacts)
+    columns = contact_columns(contacts)
     if contacts["fingers"]:
         names = sorted(set(contacts["fingers"]))
         columns["finger"] = np.array([names.index(f) for f in contacts["fingers"]], dtype=np.int32)
@@ -246,7 +247,7 @@ def _to_csv(contacts: Mapping[str, Any]) -> bytes:
                 "names of fingers in a CSV must be one line without spaces around it; one is"
                 f" {shown(name)}: write a .ply"
             )
-    columns = {name: column.tolist() for name, column in _columns(contacts).items()}
+    columns = {name: column.tolist() for name, column in contact_columns(contacts).items()}
     for name in set(NOISE) & set(columns):
         columns[name] = ["" if np.isnan(noise) else noise for noise in columns[name]]
     columns |= {"finger": list(contacts["fingers"])} if contacts["fingers"] else {}

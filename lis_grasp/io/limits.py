@@ -17,6 +17,7 @@ import numpy.typing as npt
 import yaml
 
 from lis_grasp.exceptions import InvalidFileError, shown
+from lis_grasp.io.provenance import HEADER_BYTES
 
 MEBIBYTE = 2**20
 """Bytes."""
@@ -26,9 +27,6 @@ MOST_UNPACKED = 256 * MEBIBYTE
 
 MOST_BYTES = 512 * MEBIBYTE
 """Size of a mesh file and of a PLY."""
-
-PLY_HEADER = 65_536
-"""Bytes in which the header of a PLY, or of a file of results, ends."""
 
 MOST_NODES = 50_000
 """Values and keys of a YAML file, those of an alias counted wherever it is used."""
@@ -124,7 +122,7 @@ def announced_rows(path: Path) -> dict[str, int]:
     Raises ValueError if they are more than it has bytes.
     """
     with path.open("rb") as file:
-        head = file.read(PLY_HEADER).partition(b"end_header")[0]
+        head = file.read(HEADER_BYTES).partition(b"end_header")[0]
     if not head.startswith(b"ply"):
         raise ReadError("it does not begin with ply")
     rows = {name.decode("ascii", "replace"): int(n) for name, n in _PLY_ELEMENT.findall(head)}

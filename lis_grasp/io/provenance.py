@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.limits import PLY_HEADER
 from lis_grasp.version import __version__
+
+HEADER_BYTES = 65_536
+"""Bytes in which the header of a PLY, or of a file of results, ends."""
 
 _MARK = "lis_grasp "
 _DIGEST_LENGTH = 16
@@ -114,7 +116,7 @@ def read(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
             if path.suffix.lower() == ".json":
                 content = json.loads(file.read().decode("utf-8"))
                 return parse(str(content.get("header", ""))) if isinstance(content, dict) else {}
-            head = file.read(PLY_HEADER)
+            head = file.read(HEADER_BYTES)
     except OSError as error:
         raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
     except (ValueError, RecursionError):

@@ -286,7 +286,7 @@ def balanced_forces(
     """Return forces (C, 3) on the object, inside the narrowest cones in which they balance.
 
     Their normal parts add up to `wanted` [N]; cones are at most as wide as `friction` allows.
-    Points, normals and the load are as of `balanced_grip`.
+    For points, normals and the load see `balanced_grip`.
     """
     cones = [fraction * friction for fraction in _CONE_FRACTIONS]
     for cone in cones:

@@ -16,6 +16,7 @@ from lis_grasp.meshing._hermite import find_crossings
 from lis_grasp.shapes.mesh_distance import winding_numbers
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+from lis_grasp.underflow import underflows
 
 # Default number of cells along the largest extent.
 CELLS = 64
@@ -30,6 +31,7 @@ _BEST = 0.1
 _KNOWN = 0.25
 
 
+@underflows
 def extract_mesh(
     surface: ImplicitSurface,
     *,
@@ -148,12 +150,17 @@ def _checked_grid(box: FloatArray, resolution: float | None) -> Grid:
     return Grid.cover(box, cell, multiple=COARSE)
 
 
+def _corners(grid: Grid) -> str:
+    """Return the corners of a grid's bounds in words."""
+    return " to ".join(f"({', '.join(f'{x:.3g}' for x in corner)}) m" for corner in grid.bounds)
+
+
 def _require_surface(field: Field, grid: Grid, values: FloatArray) -> None:
     """Refuse a function that has one sign only, within the bounds and beside them."""
     if not (values < 0.0).any():
         raise EstimationError(
-            f"the surface has no inside within the bounds {grid.bounds.tolist()} at cells of"
-            f" {grid.cell:g} m: mesh other bounds or smaller cells, or touch the object more"
+            f"the surface has no inside within the bounds {_corners(grid)} at cells of"
+            f" {grid.cell:.3g} m: mesh other bounds or smaller cells, or touch the object more"
         )
     within = grid.within_bounds()
     if (values[within] >= 0.0).any():
@@ -162,7 +169,7 @@ def _require_surface(field: Field, grid: Grid, values: FloatArray) -> None:
     beside[::COARSE, ::COARSE, ::COARSE] = True
     if (field.values(grid.positions(np.flatnonzero(beside & ~within))) < 0.0).all():
         raise EstimationError(
-            f"the surface has no outside within the bounds {grid.bounds.tolist()}: mesh larger"
+            f"the surface has no outside within the bounds {_corners(grid)}: mesh larger"
             " bounds, or check that the contacts' normals point out of the object"
         )
 

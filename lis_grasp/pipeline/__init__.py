@@ -18,6 +18,7 @@ from typing import Any
 from lis_grasp._moved import MOVED
 
 _HOMES = {
+    "Bars": "results.progress_bars",
     "ContactSource": "stages.contact_sources",
     "Known": "stages.agent.Agent",
     "Perception": "pipeline.names_of_2.perception",
@@ -28,7 +29,7 @@ _HOMES = {
     "Scenario": "stages.scenario",
     "SurfaceEstimate": "stages.estimate",
     "Truth": "stages.scenario",
-    "Watched": "results.page",
+    "Watched": "results.live_page",
     "estimate": "pipeline.names_of_2.estimate_and_mesh",
     "estimate_file": "results.file_stages",
     "explore_object": "results.exploring",

@@ -6,39 +6,36 @@ They make a task of options by name, and call the stages. Options are those of `
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
-import numpy as np
 import trimesh
 
-from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.exploration import Exploration
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.outcome import LiftOutcome
+from lis_grasp.pipeline._arguments import (
+    USUAL_HAND,
+    AnyHand,
+    AnyObject,
+    hand_name,
+    loaded_hand,
+    object_name,
+    require_one_load,
+    seed_of,
+    shape_of,
+)
 from lis_grasp.results.progress import SILENT, Progress
 from lis_grasp.results.run_results import Run
 from lis_grasp.results.whole_run import run_task
-from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.shipped_models import HAND_REGISTRY
-from lis_grasp.shapes import Shape
 from lis_grasp.shapes.shape import require_mesh
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.lift import lift_object
 from lis_grasp.stages.plan import plan_grasps
-from lis_grasp.stages.scenario import Scenario, find_object
+from lis_grasp.stages.scenario import Scenario
 from lis_grasp.stages.touch import touch
 from lis_grasp.task.scene_file import is_scene_file, load_scene
 from lis_grasp.task.task import LIFTING, Task, require_options, task_options
-from lis_grasp.task.world import World
 from lis_grasp.typing import Seed
-
-AnyObject: TypeAlias = str | Path | Shape | trimesh.Trimesh
-"""An object: the name of a built-in shape, the path of a mesh file, a `Shape`, or a mesh [m]."""
-
-AnyHand: TypeAlias = str | Path | Hand
-"""A hand: the name of a shipped one, the path of its YAML file, or a `Hand`."""
-
-_HAND = Task().robot.hand
 
 # Options that a plan and a lift use, beside hand and object.
 _LOAD = ("size", "units", "up", "mass", "friction", "load", "arm", "base")
@@ -69,7 +66,7 @@ def run(
     fresh
         Explore from the beginning in any case.
     progress
-        Gets a message for every stage and step.
+        Gets a message for every stage and step: `pipeline.Bars()` shows bars.
     options
         Those of `Task.of`, which replace those of a scene file or a task. The usual ones are
         ``touches``, ``seed``, ``estimator``, ``prober``, ``friction``, ``mass`` [kg], ``size`` [m],
@@ -103,7 +100,7 @@ def run(
 
 
 def explore(
-    object: AnyObject, hand: AnyHand = _HAND, *, rng: Seed = 0, **options: Any
+    object: AnyObject, hand: AnyHand = USUAL_HAND, *, rng: Seed = 0, **options: Any
 ) -> Exploration:
     """Explore an object by touch in simulation, without files.
 
@@ -139,12 +136,12 @@ def explore(
     """
     later = {"object", "hand", "obstacles", "free_space", *LIFTING}
     require_options(options, {"known", *task_options()} - later)
-    return touch(_scenario(object, hand, {"seed": _seed(rng, options), **options}))
+    return touch(_scenario(object, hand, {"seed": seed_of(rng, options), **options}))
 
 
 def plan(
     mesh: AnyObject,
-    hand: AnyHand = _HAND,
+    hand: AnyHand = USUAL_HAND,
     *,
     support_height: float | None = None,
     rng: Seed = 0,
@@ -186,18 +183,14 @@ def plan(
     ('wsg50', (4, 4))
     """
     require_options(options, (*_LOAD, "grasps", "obstacles", "seed"))
-    if options.get("load") == "unknown" and (given := {"friction", "mass"} & {*options}):
-        raise InvalidOptionError(
-            f"load='unknown' plans for any load: leave out {' and '.join(sorted(given))}",
-            option="load",
-        )
-    named, options["seed"] = _name(mesh), _seed(rng, options)
-    task = Task.of(named, known=True, hand=_hand_name(hand), **options)
+    require_one_load(options)
+    named, options["seed"] = object_name(mesh), seed_of(rng, options)
+    task = Task.of(named, known=True, hand=hand_name(hand), **options)
     # Of an estimate, the uncertainty must be kept.
-    solid = mesh if isinstance(mesh, trimesh.Trimesh) else _shape(mesh, task.world).mesh
+    solid = mesh if isinstance(mesh, trimesh.Trimesh) else shape_of(mesh, task.world).mesh
     lowest = float(require_mesh("the mesh", solid).bounds[0, 2])
     height = lowest if support_height is None else support_height
-    return plan_grasps(Agent.of(task, height, hand=_loaded(hand)), solid)
+    return plan_grasps(Agent.of(task, height, hand=loaded_hand(hand)), solid)
 
 
 def lift(
@@ -247,45 +240,5 @@ def lift(
 
 
 def _scenario(object_: AnyObject, hand: AnyHand, options: dict[str, Any]) -> Scenario:
-    task = Task.of(_name(object_), hand=_hand_name(hand), **options)
-    return Scenario.from_config(task, _shape(object_, task.world), _loaded(hand))
-
-
-def _name(object_: AnyObject) -> str:
-    """Return the name of an object that a task records."""
-    if isinstance(object_, (str, Path)):
-        return str(object_)
-    if isinstance(object_, (Shape, trimesh.Trimesh)):
-        return getattr(object_, "name", "") or "mesh"
-    raise TypeError(
-        "an object is a name, a path, a Shape or a trimesh.Trimesh; this is of type"
-        f" {type(object_).__name__}"
-    )
-
-
-def _shape(object_: AnyObject, world: World) -> Shape:
-    if isinstance(object_, trimesh.Trimesh):
-        return Shape.from_mesh(object_)
-    return object_ if isinstance(object_, Shape) else find_object(world)
-
-
-def _hand_name(hand: AnyHand) -> str:
-    """Return the name of a hand, if it is one that a name stands for, else the usual one."""
-    if not isinstance(hand, Hand):
-        return str(hand)
-    return hand.name if hand.name in HAND_REGISTRY.names else _HAND
-
-
-def _loaded(hand: AnyHand) -> Hand | None:
-    return hand if isinstance(hand, Hand) else None
-
-
-def _seed(rng: Seed, options: dict[str, Any]) -> int:
-    """Return the seed of random draws, which is an option too."""
-    if not isinstance(rng, (int, np.integer, np.random.Generator)):
-        raise TypeError(f"rng must be a seed or a numpy.random.Generator; it is {shown(rng)}")
-    if "seed" not in options:
-        return int(rng.integers(2**31)) if isinstance(rng, np.random.Generator) else int(rng)
-    if rng != 0:
-        raise TypeError("give either rng or seed; both are given")
-    return options["seed"]  # type: ignore[no-any-return]
+    task = Task.of(object_name(object_), hand=hand_name(hand), **options)
+    return Scenario.from_config(task, shape_of(object_, task.world), loaded_hand(hand))

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import trimesh
@@ -19,8 +19,8 @@ from lis_grasp.io.atomic_writing import sole_writer, write_json
 from lis_grasp.io.contact_files import read_point_file
 from lis_grasp.io.option import at_least, checked_value
 from lis_grasp.io.surface_files import load_surface
-from lis_grasp.results.exploring import say_repairs, say_width
 from lis_grasp.results.folder import LOG, require_own, result_file
+from lis_grasp.results.notes import say_repairs, say_width
 from lis_grasp.results.progress import SILENT, Progress
 from lis_grasp.results.report import lift_facts
 from lis_grasp.results.stage_files import (
@@ -32,14 +32,16 @@ from lis_grasp.results.stage_files import (
 )
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import load
-from lis_grasp.stages.agent import Agent, station_facts
+from lis_grasp.stages.agent import Agent
+from lis_grasp.stages.configured_arm import station_facts
 from lis_grasp.stages.contact_sources import ContactSource, join_sources, read_source
 from lis_grasp.stages.estimate import Perception
 from lis_grasp.stages.lift import lift_each, require_simulator
 from lis_grasp.stages.next_touch import NO_TABLE, ObjectPlace
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.stages.worker_pool import process_count
-from lis_grasp.surfaces.contact_loading import DOUBTFUL, fraction_in_front
+from lis_grasp.surfaces.contact_checks import doubt_of_side
+from lis_grasp.surfaces.estimators import require_noise_below_size
 from lis_grasp.task.recorded_facts import read_facts, recorded_base
 from lis_grasp.task.task import HEIGHT, Task, require_options
 from lis_grasp.typing import FloatArray
@@ -85,13 +87,16 @@ def estimate_file(
     sources: Sequence[ContactSource],
     folder: Path | None = None,
     *,
+    support: float | Literal["none"] | None = None,
     progress: Progress = SILENT,
     **options: Any,
 ) -> EstimatedFile:
     """Estimate the surface from files of contacts of one object, and write surface.ply.
 
     Its contacts are written beside it if the folder lacks them, and files that were made from an
-    earlier surface are removed. The default of `folder` is that of the first file. The options are
+    earlier surface are removed. The default of `folder` is that of the first file. `support` is the
+    height of the table under the object [m], which closes the estimate from below, or "none" for an
+    object that is held in the air; by default what the files record of it. The options are
     ``estimator``, ``free_space`` and ``keep_all``, by default as recorded in the files, else as in
     `Task`.
 
@@ -113,8 +118,8 @@ def estimate_file(
         raise InvalidContactsError(f"{paths[0]} has no contacts: add at least one row")
     noise = {n: getattr(sources[0], n) for n in NOISE if len({getattr(s, n) for s in sources}) == 1}
     task = Task.from_facts({"estimator": None, **noise, **options}, recorded)
-    height = recorded.get("support_height") if task.on_table else None
-    known = Perception.of(task.robot, task.decide, height)
+    require_noise_below_size(contacts, task.robot.position_noise)
+    place, known = _table_of(support, task, recorded)
     folder = paths[0].parent if folder is None else folder
     is_kept = _require_contacts_fit(folder, contacts, paths)
     checked = "object" in recorded or any(source.normals or source.viewpoint for source in sources)
@@ -122,9 +127,14 @@ def estimate_file(
     for line in _findings(contacts, paths, checked=checked):
         progress.say(line)
         warnings += [line.removeprefix(_WARNING)] if line.startswith(_WARNING) else []
-    place = ObjectPlace(support=recorded.get("support_height"))
-    warnings += filter(None, [place.doubt(contacts)])  # for grasps
-    made = recorded | {"support_height": place.table(contacts)}
+    if doubt := place.doubt(contacts):
+        warnings.append(doubt)  # for grasps
+        progress.say("table: unknown; if the object is on one, `support` closes the estimate there")
+    made = {**recorded, "support_height": place.table(contacts)}
+    if place.held:
+        del made["support_height"]
+    if support is not None and task.world.prober == "dynamic":  # a kinematic one has fixed objects
+        made["free"] = not place.held
     made |= {"warnings": warnings} if warnings else {}
     path = folder / "surface.ply"
     with result_file(path, progress) as temporary:
@@ -171,9 +181,9 @@ def grasp_file(
             progress.say(f"{_WARNING}{warning}")
     hand = Hand.load(task.robot.hand)
     lowest = float(mesh.bounds[0, 2])
-    table = recorded.get("support_height", lowest) if support is None else support
-    table = checked_value("support", table, float, HEIGHT)
-    if support is None and "support_height" not in recorded:
+    known_table = recorded.get("support_height") if support is None else support
+    table = checked_value("support", lowest if known_table is None else known_table, float, HEIGHT)
+    if known_table is None:
         progress.say(f"{_WARNING}{NO_TABLE}: `support` is {table:.4g} m, the lowest point")
     elif (below := round(1e3 * (table - lowest))) > 0:
         progress.say(f"{_WARNING}the mesh reaches {below} mm below the table, z = {table:.4g} m")
@@ -247,7 +257,7 @@ class LiftingWork:
 
 
 def lifting_of(path: Path, options: Mapping[str, Any], progress: Progress) -> LiftingWork:
-    """Return the grasps in a file and what to lift, with options as of `lift_file`."""
+    """Return the grasps in a file and what to lift, with the options of `lift_file`."""
     require_options(options, _LIFTED_WITH)
     recorded = read_facts(path, usual="grasps.json")
     search = GraspSearch.load(path)
@@ -263,6 +273,21 @@ def lifting_of(path: Path, options: Mapping[str, Any], progress: Progress) -> Li
     surface = path.with_name("surface.ply")
     avoided = scenario.agent.station is not None and surface.exists()
     return LiftingWork(search, scenario, load_surface(surface) if avoided else None, recorded)
+
+
+def _table_of(
+    support: float | Literal["none"] | None, task: Task, recorded: Mapping[str, Any]
+) -> tuple[ObjectPlace, Perception]:
+    """Return the place of an object on the table that is given, else recorded, and the settings."""
+    held = support == "none"
+    if support is None:
+        height = recorded.get("support_height")
+        closes = height if task.on_table else None
+    else:
+        height = None if held else checked_value("support", support, float, HEIGHT)
+        closes = height
+    known = Perception.of(task.robot, task.decide, closes)
+    return ObjectPlace(support=height, held=held), known
 
 
 def load_mesh(
@@ -334,12 +359,9 @@ def _findings(contacts: Contacts, paths: Sequence[Path], *, checked: bool) -> It
         have_all = all(file["approach"] is not None for file in files)
         advice = "" if have_all else "; directions of approach in columns ax,ay,az make it smaller"
         yield f"normals: estimated, with a median standard deviation of {degrees:.0f} deg{advice}"
-    doubt = 0.0 if checked else fraction_in_front(contacts)
-    if doubt > DOUBTFUL:
-        yield (
-            f"{_WARNING}{100 * doubt:.0f} % of the contacts are in front of another: if the"
-            " estimate is inside out, give `normals` inward"
-        )
+    doubt = "" if checked else doubt_of_side(contacts)
+    if doubt:
+        yield f"{_WARNING}{doubt}"
 
 
 def millimetres(extents: FloatArray) -> str:

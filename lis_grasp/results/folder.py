@@ -21,6 +21,9 @@ from lis_grasp.task.task import KNOWN, Task
 LOG = "touches.jsonl"
 """The touch log of an exploration."""
 
+SCENE = "scene.yaml"
+"""The task of a run."""
+
 # Files of each stage, in order; each stage reads the files of the earlier ones.
 _STAGES = (
     ("contacts.ply",),

@@ -1,17 +1,10 @@
-"""Scene of a folder of results, read from its files; a page that follows a run while it works."""
+"""Scene of a folder of results, read from its files."""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import nullcontext, suppress
-from html import escape
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -23,18 +16,15 @@ from lis_grasp.exploration import Exploration, LoggedProbe, ProbeOutcome, Region
 from lis_grasp.geometry import inverse_pose
 from lis_grasp.io.limits import reading
 from lis_grasp.io.surface_files import load_growth
-from lis_grasp.results.folder import LOG, read_touches, scene_is_outdated
+from lis_grasp.results.folder import LOG, read_touches
 from lis_grasp.results.run_results import SOURCES, Run
 from lis_grasp.results.summary import headline, run_lines
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
-from lis_grasp.stages.agent import find_obstacles
+from lis_grasp.stages.configured_arm import find_obstacles
 from lis_grasp.task.recorded_facts import read_facts
 from lis_grasp.task.task import Task
 from lis_grasp.visualization.scene import Scene
-from lis_grasp.visualization.scene_server import LOCALHOST, SCENE_FILE, serve_scene
-
-_SERVE = "from lis_grasp.results.page import _serve; _serve()"
 
 
 def write_scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Path:
@@ -152,91 +142,3 @@ def _touches(
         for touch in replayed.touches
     ]
     return [*shown, *[None] * (len(contacts) - count)]
-
-
-def follow(folder: Path, *, port: int = 0, host: str = LOCALHOST) -> None:
-    """Serve a page that follows the results in a folder, until Ctrl-C; print its address.
-
-    The folder may still be missing, and another process writes to it.
-    """
-    with TemporaryDirectory(prefix="lis-grasp-") as temporary:
-        scene = Path(temporary) / SCENE_FILE
-        serve_scene(temporary, port=port, host=host, renew=renewer(folder, scene), follow=True)
-
-
-def renewer(
-    folder: Path, scene: Path, complain: Callable[[str], None] = lambda _: None
-) -> Callable[[], None]:
-    """Return what writes the scene of a folder again if its results are newer.
-
-    `complain` gets a sentence if they cannot be read, perhaps because they are being written.
-    """
-
-    def renew() -> None:
-        try:
-            if folder.is_dir() and scene_is_outdated(folder, scene):
-                scene_of(folder).save(scene)
-        except (LisGraspError, OSError) as error:  # a file may be gone between two looks at it
-            complain(str(error))
-
-    return renew
-
-
-class Watched:
-    """Context in which another process serves the page of a folder's run; a notebook displays it.
-
-    Examples
-    --------
-    >>> with pipeline.Watched("watched_box") as page:
-    ...     task = Task.of("box", hand="wsg50", prober="kinematic", touches=3)
-    ...     _ = pipeline.explore_object(task, "watched_box")
-    >>> page.address.startswith("http://127.0.0.1:")
-    True
-    """
-
-    def __init__(self, folder: Path | str) -> None:
-        command = [sys.executable, "-c", _SERVE, str(folder)]
-        pipe = subprocess.PIPE
-        self._server = subprocess.Popen(command, stdin=pipe, stderr=pipe, text=True)
-        assert self._server.stderr is not None
-        line = self._server.stderr.readline()
-        if not line.startswith("scene: "):
-            raise LisGraspError(line.strip() or "the page of the run cannot be served")
-        self.address: str = line.split()[1]
-
-    def __enter__(self) -> Watched:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._server.communicate()  # closes its pipe, at which it ends
-
-    def wait(self) -> None:
-        """Serve until Ctrl-C."""
-        with suppress(KeyboardInterrupt):
-            self._server.wait()
-
-    def _repr_html_(self) -> str:
-        """Return the page in a frame."""
-        return (
-            f'<iframe src="{escape(self.address)}" title="A run"'
-            ' style="width: 100%; height: 640px; border: 0; border-radius: 8px"></iframe>'
-        )
-
-
-def _serve() -> None:
-    """Serve the page as the process of a `Watched`, until its pipe closes."""
-
-    def end() -> None:
-        sys.stdin.read()
-        os._exit(0)
-
-    threading.Thread(target=end, daemon=True).start()
-    try:
-        follow(Path(sys.argv[1]))
-    except LisGraspError as error:
-        sys.exit(str(error))

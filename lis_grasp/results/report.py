@@ -18,7 +18,7 @@ from lis_grasp.exploration import STEP_FRACTION, Exploration, Region
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp.stages.agent import station_facts
+from lis_grasp.stages.configured_arm import station_facts
 from lis_grasp.stages.regrasp import Attempt
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.version import __version__

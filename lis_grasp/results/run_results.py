@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,15 @@ class Run:
         outcome = "not lifted" if self.lift is None else self.lift["reason"]
         return f"Run('{self.folder}', {self.contacts}, {planned} grasps, {outcome})"
 
+    def _repr_html_(self) -> str:
+        """Return the page of the run in a frame, which a notebook displays; else its text."""
+        from lis_grasp.visualization.scene import framed
+
+        page = self.folder / "scene.html"
+        if not page.is_file():
+            return f"<code>{escape(repr(self))}</code>"
+        return framed(page.read_text(encoding="utf-8"), str(self.folder))
+
     @classmethod
     def load(cls, folder: Path | str) -> Run:
         """Return the results in a folder, of a run or of single stages.
@@ -86,7 +96,7 @@ class Run:
 
     @cached_property
     def task(self) -> Task:
-        """The task, as far as it is recorded; `InvalidOptionError` as of `Task`."""
+        """The task, as far as it is recorded; for `InvalidOptionError` see `Task`."""
         reported = {} if self.report is None else self.report["config"]
         return Task.from_facts(located({**self.facts, **reported}, self.folder))
 
@@ -104,7 +114,7 @@ class Run:
 
     @cached_property
     def hand(self) -> Hand:
-        """The hand; errors as of `Hand.load`."""
+        """The hand; for errors see `Hand.load`."""
         return Hand.load(self.task.robot.hand)
 
     @cached_property

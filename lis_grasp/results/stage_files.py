@@ -19,11 +19,11 @@ from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.results.progress import Progress, Stopwatch
 from lis_grasp.results.summary import lesson_sentence
 from lis_grasp.stages.agent import Agent
-from lis_grasp.stages.estimate import Perception, SurfaceEstimate, note_doubts
+from lis_grasp.stages.estimate import Perception, SurfaceEstimate, few_contacts, note_doubts
 from lis_grasp.stages.plan import plan_grasps
-from lis_grasp.stages.regrasp import Lesson, Stages
+from lis_grasp.stages.regrasp import Stages
 from lis_grasp.stages.scenario import Scenario
-from lis_grasp.surfaces.estimators import few_contacts
+from lis_grasp.stages.touching_again import Lesson
 from lis_grasp.task.recorded_facts import read_facts
 from lis_grasp.task.task import Task
 
@@ -51,7 +51,7 @@ def write_surface(
     made = SurfaceEstimate(contacts, known)
     verdicts, warnings = made.verdicts, list(recorded.get("warnings") or ())
     warnings += filter(None, [few_contacts(contacts)])  # which `note_doubts` notes
-    note_doubts(made.credible)
+    note_doubts(made.credible, known.support_height)
     if verdicts.bad.any():
         warnings.append(verdicts.sentence())
         progress.say(f"warning: {warnings[-1]} (`keep_all` believes all)")

@@ -135,10 +135,12 @@ def _arm_line(report: Mapping[str, Any]) -> str:
     )
     if "touches" in arm:
         line += f"; touches of at most {arm['touches']['contact_force']:.1f} N"
-    violated = violations(uses)
+    phases = {"touching": uses[: "touches" in arm], "lifting": uses["touches" in arm :]}
+    said = {phase: "; ".join(violations(of_phase)) for phase, of_phase in phases.items()}
+    violated = "; ".join(f"while {phase}: {what}" for phase, what in said.items() if what)
     steps = sum(use.get("steps", 0) for use in uses)
     if violated:
-        line += f"; VIOLATED (of {steps} steps): {'; '.join(violated)}"
+        line += f"; VIOLATED (of {steps} steps) {violated}"
     else:
         line += f"; unwanted contacts: none in {steps} steps"
     shakes = [] if lift is None else lift["shakes"]

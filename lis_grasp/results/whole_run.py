@@ -8,23 +8,19 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from lis_grasp.arms.use import ArmUse
-from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError, InvalidOptionError
-from lis_grasp.exploration import Exploration
-from lis_grasp.exploration.workspace import lowest_tip
 from lis_grasp.io.atomic_writing import sole_writer, write_json
-from lis_grasp.results.exploring import explore_into, say_object
-from lis_grasp.results.folder import remove_made_from, results_folder
+from lis_grasp.results.exploring import explore_into
+from lis_grasp.results.first_contacts import touched_contacts
+from lis_grasp.results.folder import SCENE, remove_made_from, results_folder
 from lis_grasp.results.page import write_scene_of
+from lis_grasp.results.preparing import prepared, require_runnable
 from lis_grasp.results.progress import SILENT, Progress, Stopwatch
 from lis_grasp.results.report import build_report
 from lis_grasp.results.run_results import Run
 from lis_grasp.results.stage_files import OF_CONTACTS, StoredStages
-from lis_grasp.robots.inertias import require_possible_inertias
-from lis_grasp.stages.lift import require_simulator
 from lis_grasp.stages.regrasp import grasp_with_tactile_check
-from lis_grasp.stages.scenario import Scenario
 from lis_grasp.task.recorded_facts import read_facts
+from lis_grasp.task.scene_file import write_scene
 from lis_grasp.task.task import Task
 
 _LOG = logging.getLogger(__name__)
@@ -64,24 +60,17 @@ def run_task(
     >>> pipeline.run(task, "box_by_wsg50").lift["held"]
     True
     """
-    task.require_slides()
-    if task.known.obstacles is not None:
-        raise InvalidOptionError(
-            "a run simulates no obstacles: plan with them on its surface.ply, by lis-grasp grasp",
-            option="obstacles",
-        )
+    require_runnable(task)
     folder, watch, arm_use = results_folder(task, folder), Stopwatch(), ArmUse()
-    scenario = Scenario.from_config(task)
-    say_object(scenario, progress)
-    require_possible_inertias(scenario.agent.hand)
-    require_simulator(task.world.simulator, scenario.truth.shape)
+    scenario = prepared(task, progress)
     # Threads change the order of sums, and so the last digits of results.
     with sole_writer(folder), threadpool_limits(1):
+        write_scene(task, folder / SCENE)
         with watch.measure("touch"):
             after, exploration = explore_into(
                 folder, scenario, progress=progress, fresh=fresh, arm_use=arm_use
             )
-            contacts = _contacts(folder, exploration, scenario)
+            contacts = touched_contacts(folder, exploration, scenario)
         remove_made_from(folder / "contacts.ply", progress, "a run makes these files anew")
         stages = StoredStages(folder, watch, progress)
         attempts = tuple(grasp_with_tactile_check(after, contacts, stages))
@@ -96,28 +85,3 @@ def run_task(
         report["timings"]["total"] = round(sum(watch.seconds.values()), 3)
         write_json(folder / "report.json", report)
     return Run.load(folder)
-
-
-def _contacts(folder: Path, exploration: Exploration, scenario: Scenario) -> Contacts:
-    contacts = Contacts.load(folder / "contacts.ply")
-    height, lowest = float(scenario.truth.shape.mesh.extents[2]), lowest_tip(0.0)
-    if len(contacts):
-        top = contacts.bounds[1, 2] - scenario.agent.support_height
-        if top <= lowest:
-            raise EstimationError(
-                f"the object is {1e3 * top:.2g} mm high where it was touched, too low for"
-                " fingertips on a table: turn it so that it stands higher"
-            )
-        return contacts
-    why = "check that the region contains the object and that the hand gets there"
-    if (
-        scenario.task.known.region is not None and height < 1.001 * lowest
-    ):  # STL is in single precision
-        why = (
-            f"the object is {1e3 * height:.2g} mm high, and fingertips that search for it stay"
-            f" {1e3 * lowest:.2g} mm above the table: an object so thin must be at a known place"
-        )
-    raise EstimationError(
-        f"no contact was made in {len(exploration.outcomes)} probes, so that there is nothing to"
-        f" estimate: {why}"
-    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -12,7 +12,7 @@ import numpy as np
 import trimesh
 import yourdfpy
 
-from lis_grasp.exceptions import InvalidHandError, LisGraspError
+from lis_grasp.exceptions import InvalidHandError, LisGraspError, note
 from lis_grasp.geometry import unit
 from lis_grasp.robots._description import DescriptionEdits, apply_edits, parse_description
 from lis_grasp.robots._urdf import naming
@@ -27,7 +27,6 @@ from lis_grasp.robots.link_bodies import (
     GivenMesh,
     convex_body,
     load_link_mesh,
-    load_visual,
     primitive,
     shape_and_sizes,
 )
@@ -94,6 +93,7 @@ class _Builder:
             )
         self._actuated = [j for j in robot.joints if j.type != "fixed" and j.mimic is None]
         self._names = [joint.name for joint in self._actuated]
+        self._unread: dict[str, LisGraspError] = {}  # by link, of its visuals the first
 
     def model(self) -> RobotModel:
         joints = self._ordered_joints()
@@ -101,6 +101,7 @@ class _Builder:
         names = (joints[0].parent, *(joint.child for joint in joints))
         visuals = tuple(v for name in names for v in self._visuals(name))
         bodies = [body for name in names for body in self._bodies(name)]
+        self._account_for_unread({body.link for body in bodies})
         bare = {v.link for v in visuals} - {body.link for body in bodies}
         hulls = [body for v in visuals if v.link in bare for body in self._hulls(v)]
         bodies += hulls
@@ -155,8 +156,19 @@ class _Builder:
                     file = resolve_uri(shape.mesh.filename, self._path.parent, str(self._path))
                     scale = None if shape.mesh.scale is None else np.atleast_1d(shape.mesh.scale)
                     yield LinkVisual(link, X_LG, file, scale)
-            except LisGraspError:  # a hand can do without its looks
-                continue
+            except LisGraspError as error:
+                self._unread.setdefault(link, error)
+
+    def _account_for_unread(self, with_bodies: Collection[str]) -> None:
+        """Raise the error of a visual that would be a link's only body; note the others."""
+        for link, error in self._unread.items():
+            if link not in with_bodies:
+                raise error
+        if self._unread:
+            note(
+                f"{', '.join(self._unread)} of {self._path.name} cannot be drawn:"
+                f" {next(iter(self._unread.values()))}"
+            )
 
     def _bodies(self, link: str) -> Iterator[LinkGeometry]:
         for collision in self._links[link].collisions:
@@ -174,9 +186,9 @@ class _Builder:
                 yield from self._convex(link, pose_matrix(collision.origin), mesh)
 
     def _hulls(self, visual: LinkVisual) -> Iterator[LinkGeometry]:
-        mesh = load_visual(visual)
-        if mesh is not None:
-            yield from self._convex(visual.link, visual.X_LG, mesh)
+        shape = visual.shape
+        mesh = shape if isinstance(shape, trimesh.Trimesh) else load_link_mesh(shape, visual.scale)
+        yield from self._convex(visual.link, visual.X_LG, mesh)
 
     def _convex(self, link: str, X_LG: FloatArray, mesh: trimesh.Trimesh) -> Iterator[LinkGeometry]:
         """Yield a mesh's convex hull, or its convex parts; nothing for a flat mesh."""

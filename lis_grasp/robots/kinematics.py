@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.geometry import cross, cross_matrix, inverse_pose, rotate
+from lis_grasp.geometry import as_pose, cross, cross_matrix, inverse_pose, rotate
 from lis_grasp.robots.robot_model import Joint, Pad, RobotModel, joints_to
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -105,7 +105,7 @@ class Kinematics:
 
     def _broadcast(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return palm poses (..., 4, 4) and joint positions (..., J) of one batch."""
-        poses, positions = np.asarray(X_OH, np.float64), np.asarray(q, np.float64)
+        poses, positions = as_pose(X_OH), np.asarray(q, np.float64)
         batch = np.broadcast_shapes(poses.shape[:-2], positions.shape[:-1])
         return (
             np.broadcast_to(poses, (*batch, 4, 4)),

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from lis_grasp.geometry import as_pose
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.inertias import LEAST_MASS, small_ball
 from lis_grasp.robots.robot_model import Inertial, Joint, LinkGeometry, by_joint_kind
@@ -57,7 +58,7 @@ def hand_mjcf(
     geom
         Attributes of all collision bodies, as contact parameters.
     """
-    bodies = {hand.base_link: _body(hand, hand.base_link, np.asarray(X_WL), prefix)}
+    bodies = {hand.base_link: _body(hand, hand.base_link, as_pose(X_WL), prefix)}
     couplings = []
     for joint in hand.joints:
         body = _body(hand, joint.child, joint.X_PJ, prefix)

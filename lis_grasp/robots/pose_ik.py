@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from lis_grasp.geometry import as_pose
 from lis_grasp.records import read_only
 from lis_grasp.robots.kinematics import ArmKinematics
 from lis_grasp.typing import BoolArray, FloatArray
@@ -69,7 +70,7 @@ class ArmIK:
         With `first` (J,) or (N, K, J), these seeds come before the stored ones; then the solutions
         are in the order of the seeds.
         """
-        targets = np.asarray(X_AF, np.float64)
+        targets = as_pose(X_AF)
         count = len(targets)
         _, nearest = self._near.query(_place(targets), k=seeds)
         start = self.postures[np.reshape(nearest, (count, seeds))]  # (N, S, J)

@@ -117,7 +117,7 @@ class ProbePosture(FrozenArrays):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotModel(FrozenArrays):
-    """Links, joints and collision bodies of a description; the fields are those of `Hand`."""
+    """Links, joints and collision bodies of a description; for the fields see `Hand`."""
 
     joint_names: tuple[str, ...]
     lower: FloatArray

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidContactsError
 from lis_grasp.surfaces import load_contacts
-from lis_grasp.surfaces.contact_loading import NormalSide
+from lis_grasp.surfaces.contact_checks import NormalSide
 from lis_grasp.surfaces.contact_preparation import thin_contacts, with_noise
 from lis_grasp.task.recorded_facts import read_facts
 
@@ -83,6 +84,20 @@ def load_source(source: ContactSource) -> Contacts:
 def join_sources(sources: Iterable[ContactSource]) -> Contacts:
     """Load the contacts of several sensors by `load_source`, and join them."""
     return sum(map(load_source, sources), Contacts.empty())
+
+
+def load_cloud(path: str | None) -> Contacts:
+    """Load the contacts that are known before the first touch; none for None.
+
+    Errors are those of `load_source`.
+    """
+    if path is None:
+        return Contacts.empty()
+    try:
+        return load_source(ContactSource(path))
+    except InvalidContactsError as error:  # options of `estimate` would help
+        advice = "in lis-grasp estimate: name the contacts.ply that it writes as `cloud`"
+        raise InvalidContactsError(f"{error}, {advice}", field=error.field) from None
 
 
 def prior_contacts(cloud: Contacts) -> Contacts:

@@ -23,7 +23,20 @@ from lis_grasp.meshing import extract_mesh
 from lis_grasp.records import Record
 from lis_grasp.surfaces import ContactVerdicts, Estimator, ImplicitSurface, judge_contacts
 from lis_grasp.surfaces.carved_implicit_surface import above_table, carved, standing_on
-from lis_grasp.surfaces.estimators import accepted_options, few_contacts, find_estimator
+from lis_grasp.surfaces.contact_checks import (
+    NormalSide,
+    doubt_of_side,
+    doubt_of_table,
+    turned_outward,
+)
+from lis_grasp.surfaces.estimators import (
+    ESTIMATORS,
+    accepted_options,
+    few_contacts,
+    find_estimator,
+    require_noise_below_size,
+    require_signs,
+)
 from lis_grasp.task.decide import Decide
 from lis_grasp.task.robot import Robot
 
@@ -45,16 +58,21 @@ class Perception:
     support_height: float | None = None  #: of a table that closes it from below [m]
     margin: float | None = None  #: by which free space is smaller [m]; None for the sensor's
     options: Mapping[str, Any] = field(default_factory=dict)  #: further keywords of the estimator
+    normals: NormalSide | None = None  #: side that they point to; None requires outward ones
 
     @classmethod
     def of(cls, robot: Robot, decide: Decide, support_height: float | None) -> Perception:
-        """Return the settings of a robot, for an object on a table at a height [m] or on none."""
+        """Return the settings of a robot, for an object on a table at a height [m] or on none.
+
+        Its contacts are simulated, or were checked when they were read: normals are outward.
+        """
         return cls(
             estimator=decide.estimator,
             sensor=robot.sensor,
             free_space=decide.free_space,
             keep_all=decide.keep_all,
             support_height=support_height,
+            normals="outward",
         )
 
     @cached_property
@@ -100,9 +118,14 @@ class SurfaceEstimate(Record):
     perception: Perception = field(default_factory=Perception)
 
     @cached_property
+    def outward(self) -> Contacts:
+        """The contacts with normals that point out of the object."""
+        return turned_outward(self.contacts, self.perception.normals)
+
+    @cached_property
     def verdicts(self) -> ContactVerdicts:
         """The verdict on each contact."""
-        return self.perception.judge(self.contacts)
+        return self.perception.judge(self.outward)
 
     @cached_property
     def credible(self) -> Contacts:
@@ -125,7 +148,7 @@ class SurfaceEstimate(Record):
         try:
             contacts = self.credible
         except TooManyBadContactsError:
-            contacts = replace(self.contacts, judged=True)
+            contacts = replace(self.outward, judged=True)
         return self.perception.make(contacts)
 
     @cached_property
@@ -162,7 +185,7 @@ def estimate(
         Contacts of one object, in its frame O.
     estimator
         "blend", "smooth", "gpis", "lis", "patch", or a plug-in: its name, ``my.module:Class``,
-        or what is called with contacts.
+        or a function of contacts.
     support_height
         Height of the table on which the object stands [m]; None for none. It closes the estimate
         from below, and walls that were touched near it continue down to it. ``table`` is its name
@@ -170,9 +193,10 @@ def estimate(
     free_space
         Whether the contacts' free space is removed from the estimate.
     keep_all
-        Whether all contacts are believed, those that the others contradict too.
+        Whether to believe all contacts, including contradicted ones.
     options
-        ``margin``, by which balls of free space are smaller [m], and the keywords of the
+        ``margin``, by which balls of free space are smaller [m]; ``normals``, the side that they
+        point to, as of `load_contacts`: without it they must be outward; and the keywords of the
         estimator's `from_contacts`, such as ``position_noise`` [m] and ``normal_noise`` [rad].
 
     Raises
@@ -180,7 +204,7 @@ def estimate(
     InvalidOptionError
         If there is no such estimator, or an option is out of range.
     EstimationError, InvalidContactsError
-        If no surface can be estimated from the contacts.
+        If no surface can be estimated from the contacts, or their normals point inward.
 
     Examples
     --------
@@ -195,9 +219,13 @@ def estimate(
             f"write Contacts(points, normals) or load_contacts(path), not {type(contacts).__name__}"
         )
     height, margin = options.pop("table", support_height), options.pop("margin", 0.0)
+    normals = options.pop("normals", None)
     make = find_estimator(estimator) if isinstance(estimator, str) else estimator
     _require_accepted(make, str(estimator), options)
-    note_doubts(contacts)
+    require_noise_below_size(contacts, options.get("position_noise"))
+    note_doubts(contacts, height)
+    if normals is None and (doubt := doubt_of_side(contacts)):
+        note(doubt)
     known = Perception(
         estimator=make,
         free_space=free_space,
@@ -205,15 +233,19 @@ def estimate(
         support_height=height,
         margin=margin,
         options=options,
+        normals=normals,
     )
-    return SurfaceEstimate(contacts, known).surface
+    made = SurfaceEstimate(contacts, known)
+    if not isinstance(estimator, str) and make not in ESTIMATORS.values():
+        require_signs(made.solid, made.credible, getattr(make, "__qualname__", str(make)))
+    return made.surface
 
 
-def note_doubts(contacts: Contacts) -> None:
-    """Warn of contacts that are in another unit than metres, and of too few of them."""
+def note_doubts(contacts: Contacts, support_height: float | None = None) -> None:
+    """Warn of contacts in another unit than metres, of too few, and of some below the table [m]."""
     if contacts.extent > LARGEST:
         note(f"contacts are in metres, and these are {contacts.extent:.3g} m apart: check the unit")
-    if doubt := few_contacts(contacts):
+    for doubt in filter(None, (few_contacts(contacts), doubt_of_table(contacts, support_height))):
         note(doubt)
 
 

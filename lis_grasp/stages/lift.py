@@ -112,7 +112,7 @@ def lift_each(
 
 def lift_options(agent: Agent) -> LiftOptions | None:
     """Return the options of a lift whose load is known as a prior says; None for the defaults."""
-    load = agent.load_prior
+    load = agent.load.prior
     if load.is_known:
         return None
     return LiftOptions(assumed_friction=load.friction, assumed_mass=load.mass)

@@ -13,6 +13,7 @@ from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.estimate import SurfaceEstimate
+from lis_grasp.stages.load import KnownLoad
 
 _GRASP_STREAM = 2  # of random numbers: a stage that runs alone repeats its part of a whole run
 _FEW_SETS = 400  # contact sets sampled to predict a success during an exploration
@@ -31,7 +32,7 @@ def plan_grasps(
     >>> len(pipeline.plan(scenario.agent, scenario.truth.shape.mesh))
     1
     """
-    load = agent.load_of(mesh)
+    load = agent.load.of_mesh(mesh)
     sampler = ForceClosureSampler(
         agent.hand, load, candidates=candidates, station=agent.station, obstacles=agent.keep_out
     )
@@ -49,7 +50,7 @@ def closure_probability(agent: Agent, contacts: Contacts) -> float:
         mesh = SurfaceEstimate(contacts, agent.perception).mesh
     except EstimationError:  # too few contacts for a closed surface
         return 0.0
-    load = replace(agent.load_of(mesh), friction_spread=0.0, mass_spread=0.0)
-    best = replace(agent, load_prior=load, mass_by_volume=False, station=None).deciding(grasps=1)
+    load = replace(agent.load.of_mesh(mesh), friction_spread=0.0, mass_spread=0.0)
+    best = replace(agent, load=KnownLoad(load), station=None).deciding(grasps=1)
     search = plan_grasps(best, mesh, candidates=_FEW_SETS)
     return search.grasps[0].quality["closure_probability"] if search.grasps else 0.0

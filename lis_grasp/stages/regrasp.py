@@ -10,52 +10,24 @@ import trimesh
 from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration import (
-    Landmark,
-    PoseTracker,
-    RegionPolicy,
-    Workspace,
-    begin_again,
-    explore_steps,
-)
-from lis_grasp.exploration.planar_motion import PoseBelief
-from lis_grasp.exploration.pose_tracking import doubted
-from lis_grasp.exploration.probe_motions import surface_probe
 from lis_grasp.exploration.registration import CONTACT_ERROR
-from lis_grasp.geometry import unit
-from lis_grasp.grasping.epsilon import robust_epsilon_on
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome
-from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.estimate import SurfaceEstimate
 from lis_grasp.stages.lift import lift_object
+from lis_grasp.stages.load import KnownLoad
 from lis_grasp.stages.plan import plan_grasps
 from lis_grasp.stages.scenario import Scenario
-from lis_grasp.stages.touch import (
-    exploration_rng,
-    make_perception,
-    make_prober,
-    make_strategy,
-    true_pose,
-)
+from lis_grasp.stages.tactile_check import tactile_check
+from lis_grasp.stages.touching_again import Lesson, touch_more
 from lis_grasp.typing import FloatArray
 
 # Distance [m] in which grasps fail alike: the usual extent of an error of an estimate.
 _ALIKE = 0.015
 # Grasps that are planned after a failure, from which the next is chosen.
 _MORE_GRASPS = 20
-# Touches that a failed attempt is followed by, beside those that find the object again.
-_MORE_TOUCHES = 4
-# Probes without a result for each of these touches, before they are given up.
-_PROBES_PER_TOUCH = 4
-# Known contacts that may be touched again to find the object.
-_TOUCHED_AGAIN = 48
 
-# Closure of measured contacts above which the first grasp that is tested is lifted: of rounded
-# fingertips, and of flat pads. Of five grasps each of 16 plans on development objects, by the
-# four-finger hand, closure puts those that hold first in 94 % of pairs, predicted success in 84 %.
-_FIRM_CLOSURE, _FIRM_CLOSURE_OF_JAWS = 0.03, 0.012
 
 # Outcomes of grasps that hardly move the object, which is not searched for after them.
 _GENTLE = ("aborted", "set_down")
@@ -89,17 +61,6 @@ class Stages:
     ) -> tuple[Scenario, Contacts, Lesson]:
         """Find the object again, and touch it some more times; see `touch_more`."""
         return touch_more(scenario, contacts, moved=moved)
-
-
-@dataclass(frozen=True, slots=True)
-class Lesson:
-    """What a failed attempt taught: what the hand felt, and the touches after it."""
-
-    felt: int  #: contacts of the hand
-    touched: int  #: contacts by touches after it; all that are known, if the object was lost
-    probes: int  #: of these touches
-    moved: float  #: where the object was found: the displacement of its frame [m]
-    lost: bool  #: whether it was found somewhere else, earlier contacts unused
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,7 +104,7 @@ def grasp_with_tactile_check(
     """
     stages, agent = stages or Stages(), scenario.agent
     failed: list[FloatArray] = []
-    if _with_ends(scenario, contacts).agent.load_prior.toward:
+    if _with_ends(scenario, contacts).agent.load.prior.toward:
         scenario, contacts, _ = stages.touch_more(scenario, contacts, moved=False)
     lifts, tests = agent.decide.attempts, agent.decide.closings
     while lifts:
@@ -152,7 +113,7 @@ def grasp_with_tactile_check(
         search = stages.plan(scenario, mesh)
         attempt, check = Attempt(scenario, contacts, mesh, search, 0, None), None
         if tests or lifts > 1:
-            check = _tactile_check(mesh, agent, tests / max(agent.decide.closings, 1))
+            check = tactile_check(mesh, agent, tests / max(agent.decide.closings, 1))
         for rank in _likeliest_first(search, failed):
             outcome = stages.lift(scenario, search.grasps[rank], mesh, check)
             attempt = Attempt(scenario, contacts, mesh, search, rank, outcome)
@@ -187,103 +148,21 @@ def _with_ends(scenario: Scenario, contacts: Contacts) -> Scenario:
     agent = scenario.agent
     ends = agent.unseen_ends(contacts)
     toward = tuple(tuple(float(x) for x in end.displacement) for end in ends)
-    load = replace(agent.load_prior, toward=toward)
-    return replace(scenario, agent=replace(agent, load_prior=load))
+    load = replace(agent.load, prior=replace(agent.load.prior, toward=toward))
+    return replace(scenario, agent=replace(agent, load=load))
 
 
 def _learned(attempt: Attempt, outcome: LiftOutcome) -> tuple[Scenario, Contacts]:
     """Return scenario and contacts after an attempt, where the fingers closed."""
     felt, scenario = outcome.measured_contacts, attempt.scenario.moved(outcome.X_WO)
     felt = replace(felt, free_radii=np.maximum(felt.free_radii - CONTACT_ERROR, 0.0))
-    load, agent = scenario.agent.load_of(attempt.mesh), scenario.agent
+    load, agent = scenario.agent.load.of_mesh(attempt.mesh), scenario.agent
     agent = agent.deciding(grasps=max(agent.decide.grasps, _MORE_GRASPS))
     # An object that was not lifted may be heavier: the table helped.
     if outcome.weighed is not None and (outcome.lifted or outcome.weighed > load.mass):
         load = replace(load, mass=outcome.weighed, mass_spread=0.0)
-        agent = replace(agent, load_prior=load, mass_by_volume=False)
+        agent = replace(agent, load=KnownLoad(load))
     return replace(scenario, agent=agent), attempt.contacts.append(felt)
-
-
-def touch_more(
-    scenario: Scenario, contacts: Contacts, *, moved: bool
-) -> tuple[Scenario, Contacts, Lesson]:
-    """Touch an object of known contacts some more times; if it has moved, find it first.
-
-    An exploration is continued, of a free object, by simulated touches with forces. After a motion,
-    known contacts are touched again and register the object (`PoseTracker`). If they contradict the
-    contacts, it has toppled or is far away: it is explored anew, and the earlier contacts are used
-    as soon as the new ones tell where they are.
-
-    Returns the scenario and all contacts in the frame of the object where it was found, and counts.
-    Without contacts, it was not found.
-    """
-    agent = scenario.agent
-    if isinstance(agent.space, Workspace):
-        space = replace(agent.space, support_height=agent.support_height)
-        agent = replace(agent, space=space)
-    again = np.unique(np.linspace(0, len(contacts) - 1, _TOUCHED_AGAIN).round()).astype(int)
-    rest = contacts.subset(np.delete(np.arange(len(contacts)), again))
-    tracker = PoseTracker(agent.robot.sensor.position_noise)
-    perception = replace(make_perception(agent.perception, rest), tracker=tracker)
-    surface, space = (
-        perception.estimate(contacts),
-        agent.known_space.grown(contacts).fitted_to(contacts),
-    )
-    landmarks = []
-    for one in map(contacts.subset, again[:, None]):
-        probe = surface_probe(one.points[0], one.normals[0], space, contacts, surface, ())
-        landmarks.append(Landmark(probe, one))
-    strategy = replace(make_strategy(agent), touches=None)
-    if isinstance(strategy.policy, RegionPolicy):
-        policy = replace(strategy.policy, landmarks=landmarks)
-        strategy = replace(strategy, policy=policy)
-    start = begin_again(perception, strategy, landmarks, doubted() if moved else PoseBelief.start())
-    task = scenario.task.having(prober="dynamic", free=True, fingers="one")
-    prober, rng = make_prober(replace(scenario, task=task)), exploration_rng(agent)
-    rng.spawn(len(landmarks) + 1)  # the first generators are those of touches before
-    touches = agent.decide.touches
-    wanted, lost = len(landmarks) + _MORE_TOUCHES, False
-    for state in explore_steps(prober, perception, strategy, rng=rng, start=start):
-        probes = len(state.observations)
-        for last in state.observations[-1:]:
-            if last.is_lost or last.is_joined:
-                wanted, lost = (touches if last.is_lost else 0), last.is_lost
-        in_doubt = state.belief is not None and state.belief.trust == "doubted"
-        made = len(state.contacts) >= wanted and not in_doubt
-        if made or probes >= _PROBES_PER_TOUCH * (touches if lost else 2 * _MORE_TOUCHES):
-            break
-    X_EF = np.eye(4) if state.belief is None else state.belief.X_WE
-    scenario, found = scenario.after(state.result, true_pose(prober)), state.known
-    touched = len(found) - (0 if lost else len(contacts))
-    distance = float(np.linalg.norm(X_EF[:3, 3]))
-    return scenario, found, Lesson(0, touched, probes, distance, lost)
-
-
-def _tactile_check(mesh: trimesh.Trimesh, agent: Agent, firmness: float) -> AcceptGrasp:
-    """Return a check of measured contacts: a closure of more than a fraction of a firm one."""
-    hand, friction = agent.hand, agent.load_prior.friction
-    is_jaw = hand.kind == "parallel_jaw"
-    least = firmness * (_FIRM_CLOSURE_OF_JAWS if is_jaw else _FIRM_CLOSURE)
-
-    def accept_grasp(measured: Contacts) -> bool:
-        if len(measured) < 2:
-            return False
-        points, normals = measured.points, measured.normals
-        if is_jaw:
-            points = _pushed_along_one_line(points, normals)
-        return robust_epsilon_on(mesh, hand, points, normals, friction=friction) > least
-
-    return accept_grasp
-
-
-def _pushed_along_one_line(points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return where two flat pads will push an object (2, 3) whose faces they touched at the ends.
-
-    Closing pads turn the object until its faces lie on them (Brost 1988).
-    """
-    axis = unit(normals[1] - normals[0], least=1e-9)
-    half_width = 0.5 * float((points[1] - points[0]) @ axis) * axis
-    return np.asarray(points.mean(axis=0) + np.stack([-half_width, half_width]))
 
 
 def _likeliest_first(search: GraspSearch, failed: Sequence[FloatArray]) -> list[int]:

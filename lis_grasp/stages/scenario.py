@@ -15,7 +15,8 @@ from lis_grasp.exploration import DEFAULT_REGION, STEP_FRACTION, Exploration, Re
 from lis_grasp.geometry import require_pose
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import NAMES, STABLE, UPRIGHT, Shape, default_mass, draw_pose, find, placed
-from lis_grasp.stages.agent import Agent, station_facts
+from lis_grasp.stages.agent import Agent
+from lis_grasp.stages.configured_arm import station_facts
 from lis_grasp.task.task import Task
 from lis_grasp.task.world import World
 from lis_grasp.typing import FloatArray

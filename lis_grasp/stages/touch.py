@@ -79,7 +79,7 @@ def touch(
 def touch_steps(
     scenario: Scenario, prober: Prober, recorded: Sequence[Observation] = ()
 ) -> Iterator[ExplorationState]:
-    """Explore as `touch` does, step by step, as of `explore_steps`."""
+    """Explore as `touch` does, step by step, as in `explore_steps`."""
     agent = scenario.agent
     perception = make_perception(agent.perception, prior_contacts(agent.cloud_contacts))
     perception = replace(perception, tracker=make_tracker(scenario, prober))
@@ -153,7 +153,7 @@ def make_policy(
         return find_policy(policy, space)
     guess = None
     if kind.uses_gaussian_process:
-        perception = Perception(estimator="gpis", sensor=sensor)
+        perception = Perception(estimator="gpis", sensor=sensor, normals="outward")
         guess = lambda contacts: SurfaceEstimate(contacts, perception).guide  # noqa: E731
     return TargetPolicy(space, kind.select, guess)
 

@@ -14,9 +14,10 @@ from lis_grasp.surfaces.contact_places import agreement, log_errors, smoothstep
 from lis_grasp.surfaces.contact_preparation import prepare_contacts
 from lis_grasp.surfaces.gaussian_process_implicit_surface import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
-from lis_grasp.surfaces.queries import flat_points, map_rows
+from lis_grasp.surfaces.queries import Predicting, flat_points, map_rows
 from lis_grasp.surfaces.smooth_implicit_surface import LEAST_PLACES, SmoothImplicitSurface
 from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.underflow import methods_underflow
 
 # Folds of the cross-validation.
 _FOLDS = 5
@@ -36,8 +37,9 @@ _NO_WEIGHT, _FULL_WEIGHT = 0.0, 0.3
 _NEAR, _FAR = 0.5, 1.0
 
 
+@methods_underflow
 @dataclass(frozen=True, slots=True, eq=False)
-class BlendedImplicitSurface:
+class BlendedImplicitSurface(Predicting):
     """Blend of a patch surface and a Gaussian process, by their prediction errors.
 
     f = smooth + w v (sharp - smooth)

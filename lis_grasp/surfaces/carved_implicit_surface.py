@@ -14,8 +14,9 @@ from lis_grasp.contacts import HALF_SPACE, Contacts
 from lis_grasp.geometry import AXES, unit
 from lis_grasp.records import Record, short_repr
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
-from lis_grasp.surfaces.queries import flat_points, map_rows, require_range
+from lis_grasp.surfaces.queries import Predicting, flat_points, map_rows, require_range
 from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.underflow import methods_underflow
 
 # Points of a unit ball: its centre, and on its surface towards the faces and corners of a cube. A
 # cap without any is lower than a fifth of the radius.
@@ -32,7 +33,7 @@ _Depths = tuple[IndexArray, FloatArray, FloatArray]  # points, (A,), depths (A,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Remainder(Record):
+class _Remainder(Predicting, Record):
     """Base of estimates less space that is free: f = max(g, depth in the free space)."""
 
     surface: ImplicitSurface  #: the estimate g
@@ -64,6 +65,7 @@ class _Remainder(Record):
         raise NotImplementedError
 
 
+@methods_underflow
 @dataclass(frozen=True, slots=True, eq=False)
 class CarvedImplicitSurface(_Remainder):
     """An estimate minus balls of free space (CSG difference).
@@ -106,6 +108,7 @@ class CarvedImplicitSurface(_Remainder):
         return checked, found[:, 0], found[:, 1:]
 
 
+@methods_underflow
 @dataclass(frozen=True, slots=True, eq=False)
 class AboveTableImplicitSurface(_Remainder):
     """An estimate minus the half-space below a table (CSG intersection).
@@ -211,7 +214,7 @@ def _grown(radii: FloatArray, nearest: FloatArray, values: FloatArray, growth: f
 
 
 def standing_on(contacts: Contacts, support_height: float) -> Contacts:
-    """Return contacts with those that a table at a height [m] implies.
+    """Return contacts, and the further ones that a table at a height [m] implies.
 
     No fingertip gets below a contact near the table. A wall there is assumed to continue straight
     down: one more contact is below it, at the table.

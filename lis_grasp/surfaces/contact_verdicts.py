@@ -28,6 +28,7 @@ from lis_grasp.surfaces.contact_preparation import (
     with_noise,
 )
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+from lis_grasp.underflow import underflows
 
 Verdict = Literal["sound", "flipped", "wrong normal", "stray"]
 """What a contact is, as far as the others show it."""
@@ -112,6 +113,7 @@ class ContactVerdicts:
         }
 
 
+@underflows
 def judge_contacts(
     contacts: Contacts, *, position_noise: float | None = None, normal_noise: float | None = None
 ) -> ContactVerdicts:
@@ -164,6 +166,7 @@ def judge_contacts(
     return ContactVerdicts(contacts, read_only(codes[mean]), read_only(odds[mean]))
 
 
+@underflows
 def orient_normals(
     contacts: Contacts,
     *,

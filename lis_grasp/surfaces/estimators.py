@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
+import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
@@ -84,6 +85,7 @@ class PluggedEstimator:
         self._require_members(surface)
         plugged: Any = Guarded(self.name, surface)
         self._require_shapes(plugged, contacts)
+        require_signs(plugged, contacts, self.name)
         return cast(ImplicitSurface, plugged)
 
     def _require_members(self, surface: Any) -> None:
@@ -108,6 +110,39 @@ class PluggedEstimator:
                     option="estimator",
                     value=self.name,
                 )
+
+
+def require_signs(surface: ImplicitSurface, contacts: Contacts, name: str) -> None:
+    """Raise `InvalidOptionError` if an estimator's surface is inside out.
+
+    The corners of its bounds are outside of the object, where f is positive, and its gradient
+    points outward at the contacts. None of either is as it must be if a sign is wrong.
+    """
+    corners = trimesh.bounds.corners(np.asarray(surface.bounds))
+    slopes = np.sum(np.asarray(surface.gradient(contacts.points)) * contacts.normals, axis=1)
+    wrong = ""
+    if np.all(np.asarray(surface.evaluate(corners)) < 0.0):
+        wrong = "evaluate must return values above 0 outside of the object; they are below 0"
+    elif len(slopes) and np.all(slopes < 0.0):
+        wrong = "gradient must point out of the object; it points inward at every contact"
+    if wrong:
+        raise InvalidOptionError(
+            f"estimator '{name}': {wrong}: change its sign", option="estimator", value=name
+        )
+
+
+def require_noise_below_size(contacts: Contacts, position_noise: float | None) -> None:
+    """Raise `InvalidOptionError` if noise [m] is as large as many contacts are far apart."""
+    if position_noise is None or len(contacts) < FEW_CONTACTS or not contacts.extent:
+        return
+    if position_noise < contacts.extent:
+        return
+    raise InvalidOptionError.out_of_range(
+        "position_noise",
+        position_noise,
+        f"in metres, and below the {contacts.extent:.3g} m that the contacts are apart;"
+        f" {position_noise:g} mm are {1e-3 * position_noise:g} m",
+    )
 
 
 def few_contacts(contacts: Contacts) -> str:

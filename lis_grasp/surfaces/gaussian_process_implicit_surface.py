@@ -23,8 +23,9 @@ from lis_grasp.surfaces._kernels import (
     ThinPlate,
 )
 from lis_grasp.surfaces.contact_preparation import PreparedContacts, prepare_contacts
-from lis_grasp.surfaces.queries import flat_points, map_rows, require_range
+from lis_grasp.surfaces.queries import Predicting, flat_points, map_rows, require_range
 from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.underflow import methods_underflow
 
 KernelName = Literal["rbf", "matern52", "matern72", "thin_plate"]
 """Name of a kernel."""
@@ -51,14 +52,15 @@ _LENGTHS: dict[KernelName, float] = {
 _MIN_SLOPE = 0.1
 # Least standard deviation of the surface, in largest distances between two contacts.
 _LEAST = 0.0003
-# Settings are fitted to so many contacts at most: the prior's amplitude takes a dozen solutions.
+# Largest number of contacts for fitting settings: the prior's amplitude takes a dozen solutions.
 MOST_FOR_SETTINGS = 150
 # The least axis of stretched coordinates, as a fraction of the largest.
 _LEAST_AXIS = 0.15
 
 
+@methods_underflow
 @dataclass(frozen=True, eq=False)
-class GaussianProcessImplicitSurface:
+class GaussianProcessImplicitSurface(Predicting):
     """The posterior mean of a GP conditioned on value 0 and the normal as gradient at contacts.
 
     f(x) = mean + k_*^T (K + noise)^-1 (targets - mean)                                   (eq. 3)

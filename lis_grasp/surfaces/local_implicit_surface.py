@@ -17,6 +17,7 @@ from lis_grasp.surfaces._kernel_mean import NEGLIGIBLE, KernelMean, density_weig
 from lis_grasp.surfaces.contact_preparation import prepare_contacts
 from lis_grasp.surfaces.queries import BlockwiseSurface, flat_points, require_range
 from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.underflow import methods_underflow
 
 Beta = Literal["corrected", "as_published", "none"]
 
@@ -42,6 +43,7 @@ _MIN_WIDTH = 1e-3
 _ABOVE = 1e-6
 
 
+@methods_underflow
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalImplicitSurface(BlockwiseSurface):
     """Kernel-weighted mean of the contacts' tangent planes, scaled by local convexity.

@@ -20,6 +20,7 @@ from lis_grasp.surfaces._normal_posterior import EstimatedNormals, NormalPosteri
 from lis_grasp.surfaces.contact_places import farthest_point_order
 from lis_grasp.surfaces.queries import require_range
 from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.underflow import underflows
 
 # Points without approach directions: four are the corners of the simplest closed surface.
 LEAST_POINTS = 4
@@ -51,6 +52,7 @@ _NEIGHBOURS = 12
 _LEAST_DEVIATION = 0.05
 
 
+@underflows
 def estimate_normals(
     points: npt.ArrayLike,
     *,

@@ -24,6 +24,7 @@ from lis_grasp.surfaces._patch_segmentation import ContactPairs, segment
 from lis_grasp.surfaces.contact_preparation import PreparedContacts, prepare_contacts
 from lis_grasp.surfaces.queries import BlockwiseSurface, flat_points
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+from lis_grasp.underflow import methods_underflow
 
 # Width of the kernel that blends expressions of contacts, in spacings.
 _SIGMA = 0.2
@@ -35,6 +36,7 @@ _LEAST_NOISE = (0.003, 0.015)
 _MOST_PATCHES = 200
 
 
+@methods_underflow
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchImplicitSurface(BlockwiseSurface):
     """Smooth patches, each a Gaussian process, joined at sharp edges by CSG expressions.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +11,7 @@ import numpy.typing as npt
 from lis_grasp.contacts import FARTHEST, Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
 from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.underflow import methods_underflow
 
 # Smaller blocks cost more by their number than they save.
 _SMALL_BLOCK = 256
@@ -29,7 +31,41 @@ _SPREAD = np.array([int(f"{number:b}", base=8) for number in range(1 << _BITS)])
 _BLOCK, _BLOCK_EXTENT = 2048, 8.0
 
 
-class BlockwiseSurface:
+class Predicting:
+    """Base of surfaces that are also queried in the words of scikit-learn.
+
+    A subclass is an `ImplicitSurface`, whose protocol has none of this.
+    """
+
+    __slots__ = ()
+
+    def __call__(self, points: npt.ArrayLike) -> FloatArray:
+        """Return f at points of shape (..., 3) [m], as `evaluate` does."""
+        return self.evaluate(points)
+
+    @overload
+    def predict(self, points: npt.ArrayLike) -> FloatArray: ...
+    @overload
+    def predict(
+        self, points: npt.ArrayLike, *, return_std: bool
+    ) -> FloatArray | tuple[FloatArray, FloatArray]: ...
+    def predict(
+        self: Any, points: npt.ArrayLike, *, return_std: bool = False
+    ) -> FloatArray | tuple[FloatArray, FloatArray]:
+        """Return f at points of shape (..., 3) [m], and with `return_std` its `uncertainty` too.
+
+        That is one standard deviation of the surface along its normal [m], not of f.
+        """
+        values = self.evaluate(points)
+        return (values, self.uncertainty(points)) if return_std else values
+
+    def evaluate(self, points: npt.ArrayLike) -> FloatArray:
+        """Return f at points of shape (..., 3) [m], shape (...): below 0 inside, above outside."""
+        raise NotImplementedError
+
+
+@methods_underflow
+class BlockwiseSurface(Predicting):
     """Base of estimators that average over the contacts near a point, block by block of points.
 
     A subclass has the contacts' `spacing` [m] and `_value_and_gradient`.

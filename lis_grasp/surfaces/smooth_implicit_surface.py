@@ -18,8 +18,9 @@ from lis_grasp.surfaces.gaussian_process_implicit_surface import (
     MOST_FOR_SETTINGS,
     GaussianProcessImplicitSurface,
 )
-from lis_grasp.surfaces.queries import flat_points
+from lis_grasp.surfaces.queries import Predicting, flat_points
 from lis_grasp.typing import FloatArray
+from lis_grasp.underflow import methods_underflow
 
 # Length of the kernel in largest distances between two contacts, and whether it is stretched; None
 # for `gpis`. The first is the default: another is chosen if it predicts places that are left out
@@ -42,8 +43,9 @@ _NEAR, _FAR = 0.25, 0.5
 _DOUBT = 0.35
 
 
+@methods_underflow
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothImplicitSurface:
+class SmoothImplicitSurface(Predicting):
     """A Gaussian process for shapes without edges, smoother than `gpis`.
 
     f = bound + v (free - bound)

@@ -22,6 +22,7 @@ class Known:
         "lengths [m] of the box on the table that contains the object: position and size of the"
         " object are then unknown",
         metavar=("X", "Y", "Z"),
+        words="0.4 0.4 0.3; none with --known",
         check=lambda name, value: Region(value).lengths,
     )
     load: str = option(

@@ -57,6 +57,7 @@ class World:
         "the object is on a table: upright (as its mesh) or stable (in any stable pose), at a"
         " random place in the region; or a text file with its pose, four rows of four numbers [m]",
         metavar="POSE",
+        words="stable; none with --known",
     )
     free: bool | None = option(
         None,

@@ -112,7 +112,9 @@ def draw_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
         speck = trimesh.creation.icosphere(0, _FREE_POINT_RADIUS * size)
         colour = drawing.material(FREE_COLOUR, opacity=0.7)
         canvas.commands.append(drawing.draw_copies(f"{OBJECT_NODE}/free", speck, colour, at))
-        canvas.layers.append(Layer("free", "Free space", False, FREE_COLOUR, "passed by the hand"))
+        canvas.layers.append(
+            Layer("free", "Free space", False, FREE_COLOUR, "of the hand, after the touches")
+        )
 
 
 def draw_bad_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:

@@ -6,15 +6,18 @@ import base64
 import hashlib
 import json
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
 from importlib import resources
 from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
 
+from lis_grasp.typing import FloatArray
 from lis_grasp.visualization._drawing import Canvas, Layer
 from lis_grasp.visualization._story import Story
+from lis_grasp.visualization.camera import CameraView
 from lis_grasp.visualization.colours import VIRIDIS, ColourScale
 
 _HERE = "lis_grasp.visualization"
@@ -32,10 +35,36 @@ _EXPLAINED = {
 _KEYED = ("truth", "contacts", "normals", "bad", "free", "search", "motion", "obstacles")
 
 
-def build_page(title: str, canvas: Canvas, *, overlay: str, scene: Mapping[str, Any]) -> str:
+@dataclass(frozen=True, slots=True, eq=False)
+class PageContent:
+    """All that the page's script reads, besides the drawing commands; every page has all of it."""
+
+    story: Story
+    camera: CameraView
+    grasps: Sequence[Sequence[FloatArray]] = ()  # poses of all links in O, at each grasp
+    touches: Sequence[dict[str, Any] | None] = ()  # see `touch_facts`
+    postures: Sequence[str] = ()  # captions, if the grasps are postures of a hand alone
+
+    def facts(self) -> dict[str, Any]:
+        """Return the content as JSON."""
+        postures = {"postures": list(self.postures)} if self.postures else {}
+        return {
+            "grasps": [[column_major(X) for X in links] for links in self.grasps],
+            "touches": list(self.touches),
+            "story": {**self.story.facts(), **postures},
+            "camera": self.camera.facts(),
+        }
+
+
+def column_major(X: FloatArray) -> list[float]:
+    """Return a pose (4, 4) as 16 numbers, column by column, rounded to 0.1 um."""
+    return [round(float(v), 7) for v in X.T.ravel()]
+
+
+def build_page(title: str, canvas: Canvas, *, overlay: str, content: PageContent) -> str:
     """Return a page that draws what is on a canvas with meshcat's viewer, offline.
 
-    `title` is plain text, `overlay` is escaped HTML, `scene` has JSON values for the page's script.
+    `title` is plain text, `overlay` is escaped HTML, `content` is what the page's script shows.
     The Content Security Policy allows no connection and only the page's own two scripts, so that
     names that look like markup cannot run.
     """
@@ -47,7 +76,7 @@ def build_page(title: str, canvas: Canvas, *, overlay: str, scene: Mapping[str, 
             {"id": layer.identity, "on": layer.on, "colour": layer.colour, "note": layer.note}
             for layer in canvas.layers
         ],
-        **scene,
+        **content.facts(),
         "lengths": [len(command) for command in canvas.commands],
         "commands": _base64(zlib.compress(b"".join(canvas.commands), 1)),  # higher levels save 3 %
     }
@@ -173,7 +202,8 @@ def _is_grasp(layer: Layer) -> bool:
 def _row(layer: Layer, scale: ColourScale | None = None) -> str:
     checked = " checked" if layer.on else ""
     note = f"<small>{escape(layer.note)}</small>" if layer.note else ""
-    hint = f' title="{escape(layer.detail)}"' if layer.detail else ""
+    hint = layer.detail or layer.note
+    hint = f' title="{escape(hint)}"' if hint else ""
     return (
         f'<li{hint}><label><input type="checkbox" data-layer="{escape(layer.identity)}"{checked}>'
         f"{_swatch(layer, scale)}<span>{escape(layer.label)}{note}</span></label></li>"

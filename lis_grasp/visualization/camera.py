@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from typing import Any
+
 import numpy as np
 import trimesh
 
@@ -15,6 +18,26 @@ _CELLS = 40
 
 # This many directions find the outline of a scene to within about a percent.
 _OUTWARD = 150
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraView:
+    """Camera direction of a page, and the points that it frames, each (N, 3) [m] in O."""
+
+    azimuth: float  # [rad]
+    object: FloatArray
+    hand: FloatArray = field(default_factory=lambda: np.empty((0, 3)))  # at all grasps
+    moved: FloatArray = field(default_factory=lambda: np.empty((0, 3)))  # in the lift
+    arm: FloatArray = field(default_factory=lambda: np.empty((0, 3)))  # at home
+
+    def facts(self) -> dict[str, Any]:
+        """Return the view as JSON for the page's script: angles [deg], points to 10 um."""
+        points = {"object": self.object, "hand": self.hand, "moved": self.moved, "arm": self.arm}
+        return {
+            "azimuth": round(float(np.rad2deg(self.azimuth)), 3),
+            "elevation": round(float(np.rad2deg(ELEVATION)), 3),
+            **{name: np.round(rows, 5).tolist() for name, rows in points.items()},
+        }
 
 
 def choose_azimuth(subject: FloatArray, obstacle: FloatArray) -> float:

@@ -23,9 +23,9 @@ from lis_grasp.visualization._arm_layer import (
 )
 from lis_grasp.visualization._drawing import OBJECT_NODE, ROOT, Canvas, Layer
 from lis_grasp.visualization._object_layers import draw_table
-from lis_grasp.visualization._page import build_overlay, build_page
+from lis_grasp.visualization._page import PageContent, build_overlay, build_page, column_major
 from lis_grasp.visualization._story import Story
-from lis_grasp.visualization.camera import ELEVATION, outermost, surface_points
+from lis_grasp.visualization.camera import CameraView, choose_azimuth, outermost, surface_points
 
 if TYPE_CHECKING:
     from lis_grasp.arms.station import Station
@@ -135,11 +135,6 @@ def touch_facts(
     return facts
 
 
-def column_major(X: FloatArray) -> list[float]:
-    """Return a pose (4, 4) as 16 numbers, column by column, rounded to 0.1 um."""
-    return [round(float(v), 7) for v in X.T.ravel()]
-
-
 def hand_points(hand: Hand, posture: Sequence[FloatArray]) -> FloatArray:
     """Return points on the hand's surface in O, shape (N, 3) [m], for given link poses."""
     return _placed(hand, [surface_points(g.mesh, 150) for g in hand.link_geometries], posture)
@@ -194,7 +189,9 @@ def _note(grasp: Grasp) -> str:
     return f"epsilon {epsilon:.3g}" if likely is None else f"predicted success {likely:.0%}"
 
 
-def hand_page(hand: Hand, *, summary: tuple[str, ...] = ()) -> str:
+def hand_page(
+    hand: Hand, *, headline: Sequence[tuple[str, str]] = (), summary: Sequence[str] = ()
+) -> str:
     """Return an HTML page of a hand, in its base link's frame turned so that the approach is down.
 
     The axes of H are red (x), green (y) and blue (z); orange marks are the pads with their axes,
@@ -206,7 +203,10 @@ def hand_page(hand: Hand, *, summary: tuple[str, ...] = ()) -> str:
     postures = [(f"pregrasp {name}", q) for name, q in hand.pregrasps.items()]
     postures += [(f"probe posture {f}", p.joint_positions) for f, p in hand.probe_postures.items()]
     draw_hand(canvas, hand)
-    _draw_marks(canvas, hand)
+    marks = list(_marks(hand))
+    for link, name, mesh, colour in marks:
+        path = f"{ROOT}/hand/{link}/{name}"
+        canvas.commands.append(drawing.draw_mesh(path, mesh, drawing.material(colour)))
     for k, (axis, colour) in enumerate(zip("xyz", AXIS_COLOURS, strict=True)):
         mesh = _bar(X_OH[:3, 3], X_OH[:3, 3] + _AXIS_LENGTH * X_OH[:3, k])
         path = f"{OBJECT_NODE}/frame/{axis}"
@@ -217,42 +217,41 @@ def hand_page(hand: Hand, *, summary: tuple[str, ...] = ()) -> str:
         poses.append([links[link] for link in hand.links])
         canvas.layers.append(Layer(f"grasp-{number}", label, True, LINK_COLOUR))
     points = np.vstack([hand_points(hand, posture) for posture in poses])
-    outline = outermost(points)
+    tips = [apply_pose(X[link], mesh.vertices) for X in poses for link, _, mesh, _ in marks]
+    outline = outermost(np.vstack([points, *tips]))
     grid = draw_table(canvas, points, outline, float(points[:, 2].min()) - 0.01)
     story = Story.of(contacts=0, surfaces=[], grasps=len(poses), lift_seconds=0.0)
     story = Story(tuple(replace(chapter, label="Postures") for chapter in story.chapters))
-    seen = np.round(outline, 5).tolist()
-    facts = {
-        "grasps": [[column_major(X) for X in posture] for posture in poses],
-        "touches": [],
-        "story": {**story.facts(), "postures": [label for label, _ in postures]},
-        "camera": {
-            "azimuth": -55.0,
-            "elevation": round(float(np.rad2deg(ELEVATION)), 3),
-            "object": seen,
-            "hand": seen,
-            "moved": [],
-        },
-    }
+    content = PageContent(
+        story,
+        CameraView(choose_azimuth(outline[:0], outline), object=outline, hand=outline),
+        grasps=poses,
+        postures=[label for label, _ in postures],
+    )
     title = f"Hand {hand.name}"
     overlay = build_overlay(
-        title, summary, layers=canvas.layers, scale=None, grid=grid, story=story, postures=True
+        title,
+        summary,
+        headline=headline,
+        layers=canvas.layers,
+        scale=None,
+        grid=grid,
+        story=story,
+        postures=True,
     )
-    return build_page(title, canvas, overlay=overlay, scene=facts)
+    return build_page(title, canvas, overlay=overlay, content=content)
 
 
-def _draw_marks(canvas: Canvas, hand: Hand) -> None:
-    """Draw pads and leading tips at the nodes of their links, which move with these."""
+def _marks(hand: Hand) -> Iterator[tuple[int, str, trimesh.Trimesh, str]]:
+    """Yield the marks of pads and leading tips: number of the link, name, mesh in L, colour."""
     number = {link: k for k, link in enumerate(hand.links)}
     for pad in hand.pads:
         for part, mesh in enumerate(_pad_marks(pad.center_L, pad.radius, pad.axis_L)):
-            path = f"{ROOT}/hand/{number[pad.link]}/pad_{pad.finger}_{part}"
-            canvas.commands.append(drawing.draw_mesh(path, mesh, drawing.material(PAD_MARK)))
+            yield number[pad.link], f"pad_{pad.finger}_{part}", mesh, PAD_MARK
     for finger, posture in hand.probe_postures.items():
         ball = trimesh.creation.icosphere(subdivisions=2, radius=1.03 * posture.radius)
         ball.apply_translation(posture.center_L)
-        path = f"{ROOT}/hand/{number[posture.link]}/tip_{finger}"
-        canvas.commands.append(drawing.draw_mesh(path, ball, drawing.material(TIP_MARK)))
+        yield number[posture.link], f"tip_{finger}", ball, TIP_MARK
 
 
 def _pad_marks(center: FloatArray, radius: float, axis: FloatArray) -> Iterator[trimesh.Trimesh]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
@@ -29,11 +29,10 @@ from lis_grasp.visualization._object_layers import (
     draw_truth,
     marker_size,
 )
-from lis_grasp.visualization._page import build_overlay, build_page
+from lis_grasp.visualization._page import PageContent, build_overlay, build_page
 from lis_grasp.visualization._story import Story
-from lis_grasp.visualization.camera import ELEVATION, choose_azimuth, outermost, surface_points
+from lis_grasp.visualization.camera import CameraView, choose_azimuth, outermost, surface_points
 from lis_grasp.visualization.hand_layers import (
-    column_major,
     draw_grasps,
     draw_hand,
     draw_motion,
@@ -203,19 +202,12 @@ class Scene:
         before = np.vstack([shown.best, shown.standing])  # not to turn with a growing estimate
         looked_at = object_points if self.truth is not None or len(before) else before
         azimuth = choose_azimuth(looked_at, before)
-        facts: Mapping[str, Any] = {
-            "grasps": [[column_major(X) for X in posture] for posture in shown.postures],
-            "touches": shown.touches,
-            "story": story.facts(),
-            "camera": {
-                "azimuth": round(float(np.rad2deg(azimuth)), 3),
-                "elevation": round(float(np.rad2deg(ELEVATION)), 3),
-                "object": _rounded(drawn),
-                "hand": _rounded(shown.around),
-                "moved": _rounded(shown.moved),
-                "arm": _rounded(shown.standing),
-            },
-        }
+        content = PageContent(
+            story,
+            CameraView(azimuth, drawn, shown.around, shown.moved, shown.standing),
+            grasps=shown.postures,
+            touches=shown.touches,
+        )
         overlay = build_overlay(
             self.title,
             self.summary,
@@ -226,14 +218,11 @@ class Scene:
             story=story,
             planned=len(self.grasps),
         )
-        return build_page(self.title, canvas, overlay=overlay, scene=facts)
+        return build_page(self.title, canvas, overlay=overlay, content=content)
 
     def _repr_html_(self) -> str:
         """Return the page in a frame, which a notebook displays without a running kernel."""
-        return (
-            f'<iframe srcdoc="{escape(self.html())}" title="{escape(self.title)}"'
-            ' style="width: 100%; height: 640px; border: 0; border-radius: 8px"></iframe>'
-        )
+        return framed(self.html(), self.title)
 
     def _object_points(self) -> FloatArray:
         """Return points of the true object, else of the estimate, else the contacts, (N, 3) [m]."""
@@ -303,6 +292,9 @@ class _ShownHand:
     moved: FloatArray = field(default_factory=_no_points)  # in the lift
 
 
-def _rounded(points: FloatArray) -> list[list[float]]:
-    rounded: list[list[float]] = np.round(points, 5).tolist()
-    return rounded
+def framed(page: str, title: str) -> str:
+    """Return a page in a frame, as HTML for a notebook."""
+    return (
+        f'<iframe srcdoc="{escape(page)}" title="{escape(title)}"'
+        ' style="width: 100%; height: 640px; border: 0; border-radius: 8px"></iframe>'
+    )

@@ -78,6 +78,7 @@ def estimate(trial: Trial, estimator: str, contacts: Contacts) -> trimesh.Trimes
         sensor=task.robot.sensor,
         free_space=is_free,
         support_height=0.0 if is_free else None,
+        normals="outward",
         options=parse_noise(trial.noise).options(),
     )
     return SurfaceEstimate(contacts, known).mesh

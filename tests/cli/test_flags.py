@@ -30,3 +30,14 @@ def test_an_error_names_the_option(
 ) -> None:
     assert main(["run", *arguments, "--output", str(tmp_path / "out")]) == 2
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("flag", ["--table", "--support-height", "--suport"])
+def test_a_guessed_option_of_the_table_is_answered(
+    flag: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for verb in ("estimate", "grasp", "next"):
+        with pytest.raises(SystemExit) as left:
+            main([verb, "contacts.csv", flag, "0"])
+        assert left.value.code == 2
+        assert "'--support'" in capsys.readouterr().err

@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem
 from pydrake.trajectories import PiecewisePose
 
@@ -114,11 +114,13 @@ class OwnDiagram:
     contact_model: str = "hydroelastic_with_fallback"
     sampled: bool = False
     lifts: bool = False
+    time_step: float = 0.002
+    scheme: str = ""  # of integration; Drake's own where it is empty
 
     def __post_init__(self) -> None:
         builder = DiagramBuilder()
         config = MultibodyPlantConfig(
-            time_step=0.002,
+            time_step=self.time_step,
             contact_model=self.contact_model,
             discrete_contact_approximation="lagged",
             use_sampled_output_ports=self.sampled,
@@ -175,6 +177,8 @@ class OwnDiagram:
         """Build the Diagram, with the hand at its home."""
         self.diagram = self.builder.Build()
         simulator = Simulator(self.diagram)
+        if self.scheme:
+            ApplySimulatorConfig(SimulatorConfig(integration_scheme=self.scheme), simulator)
         root = simulator.get_mutable_context()
         context = self.plant.GetMyMutableContextFromRoot(root)
         self.plant.SetFreeBodyPose(context, self.in_plant.base, self.home)

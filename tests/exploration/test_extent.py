@@ -11,6 +11,7 @@ from lis_grasp.contacts import HALF_SPACE, Contacts
 from lis_grasp.exploration import (
     Exploration,
     ExplorationStrategy,
+    Landmark,
     Observation,
     Probe,
     ProbeOutcome,
@@ -20,7 +21,7 @@ from lis_grasp.exploration import (
     begin,
     explore,
 )
-from lis_grasp.exploration.extent import ends_of, extent_probe, open_ends, unseen_ends
+from lis_grasp.exploration.extent import End, ends_of, extent_probe, open_ends, unseen_ends
 from lis_grasp.exploration.strategy import choose
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
@@ -185,3 +186,18 @@ def test_a_stop_rule_waits_for_the_ends_and_the_reason_names_them() -> None:
         recorded = [Observation(missed)] * count + list(found.observations)
         state = begin(perception, strategy, recorded)
         assert str(choose(strategy, state, rng=np.random.default_rng(0))).startswith(ended)
+
+
+def test_landmarks_count_as_motions_inward_and_show_where_an_end_was_touched() -> None:
+    sides = [touched(np.array([0.0, y, 0.02]), np.sign(y) * Y) for y in (-0.02, 0.02)]
+    far = touched(np.array([0.1, 0.01, 0.02]), np.array([0.6, 0.0, 0.8]))  # closes no end
+    contacts = replayed([*sides, far]).contacts
+    space = REGION.fitted_to(contacts)
+    elsewhere = touched(np.array([0.05, 0.03, 0.02]), X)
+    landmarks = [Landmark(elsewhere.probe, elsewhere.contacts)] * 3
+    for count, is_open in ((0, True), (2, True), (3, False)):
+        end = End(X, space, contacts, (), landmarks[:count])
+        assert end.met == ["touched"] * count
+        assert end.is_open is is_open
+        # Where nothing inward was met, a motion goes along the middle of what is known.
+        assert end.inward().target[1] == pytest.approx(0.01 if count else 0.0)

@@ -39,7 +39,7 @@ from lis_grasp.exploration.policy import farthest
 from lis_grasp.geometry import apply_inverse
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp.stages.scenario import workspace
+from lis_grasp.stages.scenario import known_place
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
 
 ALONG_X = Push(np.array([1.0, 0.0, 0.0]), np.diag([1.0, 1.0, 400.0]))
@@ -159,10 +159,26 @@ def test_a_landmark_from_before_is_touched_again_and_is_no_outcome() -> None:
     uncertain = PoseBelief.start().loosened(np.array([5e-3, 5e-3, 0.0]))
     for belief, is_uncertain in ((PoseBelief.start(), False), (uncertain, True)):
         state = begin_again(perception, strategy, [landmark], belief)
-        np.testing.assert_array_equal(state.known.points, landmark.contact.points)
+        np.testing.assert_array_equal(state.known.points, landmark.contacts.points)
         assert state.outcomes == ()
         assert (state.again is not None) is is_uncertain
     np.testing.assert_array_equal(state.again.target, PROBE.target)
+
+
+@pytest.mark.parametrize(("turn", "trust"), [(0.0, "doubted"), (1.6, "trusted")])
+def test_only_a_repetition_with_the_hand_turned_alike_shows_a_motion(
+    turn: float, trust: str
+) -> None:
+    # Rolled by 92 degrees, the finger came to another side of a mallet that had not moved.
+    roll = trimesh.transformations.rotation_matrix(turn, [1.0, 0.0, 0.0])
+    first = replace(touched_at(-0.03), hand_pose=HandPose(np.eye(4), np.zeros(0)))
+    tracker = PoseTracker()
+    state = state_after(tracker.track(first, state_after())[0])
+    assert state.again is not None
+    side = Contacts([[-0.02, 0.02, 0.02]], [[0.0, 1.0, 0.0]])
+    again = ProbeOutcome(PROBE, "touched", side, hand_pose=HandPose(roll, np.zeros(0)))
+    observation, _ = tracker.track(again, state)
+    assert observation.belief.trust == trust
 
 
 def test_contacts_before_a_loss_wait_until_the_object_is_found(tmp_path: Path) -> None:
@@ -265,7 +281,7 @@ def explored(name: str, motion: Motion, *, tracked: bool) -> tuple[Exploration, 
     """Explore an object that moves; return the root mean square error of its contacts [m]."""
     shape = shapes.build(name, None)
     prober = MovingObjectProber(Hand.load("allegro"), shape, motion)
-    space = workspace(shape, on_table=True)
+    space = known_place(shape, on_table=True)
     exploration = explore(
         prober,
         TactilePerception(ESTIMATORS["blend"], tracker=PoseTracker() if tracked else None),

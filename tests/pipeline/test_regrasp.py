@@ -23,8 +23,9 @@ from lis_grasp.pipeline import ContactSource, RunConfig, Scenario, estimate_file
 from lis_grasp.results.progress import SILENT, Stopwatch
 from lis_grasp.results.stage_files import StoredStages
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp.stages import regrasp
-from lis_grasp.stages.regrasp import Attempt, Lesson, Stages, grasp_with_tactile_check, touch_more
+from lis_grasp.stages.regrasp import Attempt, Stages, grasp_with_tactile_check
+from lis_grasp.stages.tactile_check import tactile_check
+from lis_grasp.stages.touching_again import Lesson, touch_more
 
 ALLEGRO = Hand.load("allegro")
 BOX = shapes.build("box")
@@ -74,7 +75,7 @@ class _Script(Stages):
         accept_grasp: AcceptGrasp | None,
     ) -> LiftOutcome:
         X_EO = scenario.truth.X_EO
-        load = scenario.agent.load_prior
+        load = scenario.agent.load.prior
         self.calls.append(
             {"grasp": grasp, "accept_grasp": accept_grasp, "X_EO": X_EO, "load": load}
         )
@@ -241,7 +242,7 @@ def test_each_test_needs_less_closure_than_the_one_before(hand: Hand, count: int
     script = _Script([_outcome("aborted")] * 12, (scenes.grasp(),))
     scenario = scenes.scenario(BOX, hand, attempts=2, closings=5)
     list(grasp_with_tactile_check(scenario, scenes.contacts(), script))
-    limit = np.arctan(0.5 * scenario.agent.load_prior.friction)
+    limit = np.arctan(0.5 * scenario.agent.load.prior.friction)
     closings = [_closing(angle, count) for angle in np.linspace(0.0, 1.1 * limit, 200)]
     checks = [call["accept_grasp"] for call in script.calls[:-1]]
     accepted = [sum(map(check, closings)) for check in checks]
@@ -263,7 +264,7 @@ def test_the_tactile_check_needs_force_closure() -> None:
 def test_flat_pads_may_touch_parallel_faces_at_opposite_ends() -> None:
     gripper = Hand.load("wsg50")
     known = scenes.scenario(BOX, gripper, friction=0.8).agent
-    accept_grasp = regrasp._tactile_check(BOX.mesh, known, 0.0)
+    accept_grasp = tactile_check(BOX.mesh, known, 0.0)
     points = np.array([[-0.02, -0.01, 0.0], [0.02, 0.01, 0.0]])  # 27 deg, outside half the cone
     faces = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     assert accept_grasp(Contacts(points, faces))
@@ -271,7 +272,7 @@ def test_flat_pads_may_touch_parallel_faces_at_opposite_ends() -> None:
     assert not accept_grasp(Contacts(points, wedge))
     # Fingertips do not turn the object.
     rounded = replace(known, hand=ALLEGRO)
-    assert not regrasp._tactile_check(BOX.mesh, rounded, 0.0)(Contacts(points, faces))
+    assert not tactile_check(BOX.mesh, rounded, 0.0)(Contacts(points, faces))
 
 
 def test_an_object_with_an_unseen_end_is_touched_before_the_first_grasp() -> None:

@@ -149,6 +149,7 @@ def test_a_violation_is_said_plainly() -> None:
         "speed": 1.2,
         "speed_joint": "joint_4",
         "contacts": {"palm with table": 1, "arm's link_5 with object": 7},
+        "forces": {"palm with table": 0.25},
         "steps": 20,
     }
     made = report(iou=1.0, reason="dropped")
@@ -157,8 +158,9 @@ def test_a_violation_is_said_plainly() -> None:
     made["arm"] = {"name": "iiwa14", "touches": fine | {"contact_force": 0.31}}
     made["lift"] = made["lift"] | {"arm": fine | {"shakes": []}}
     (line,) = (line for line in run_lines(made) if line.startswith("arm "))
-    assert "VIOLATED (of 40 steps): " in line
-    assert "palm with table in 1 step;" in line
+    assert "VIOLATED (of 40 steps) while lifting: " in line
+    assert "palm with table in 1 step with up to 0.25 N" in line
+    assert "while touching" not in line
     assert "arm's link_5 with object in 7 steps" in line
     assert "joint_2 at its largest effort" in line
     assert "joint_4 at 120 % of its speed" in line

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, is_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -13,21 +13,27 @@ from reachable import reachable
 
 from lis_grasp import Contacts, Task, World
 from lis_grasp.exploration import (
+    Exploration,
     ExplorationState,
+    ExplorationStrategy,
+    LoggedProbe,
+    NextProbe,
+    Observation,
     Probe,
     ProbeOutcome,
     SimulatedProber,
+    TactilePerception,
     TouchLog,
     Workspace,
     explore_steps,
 )
-from lis_grasp.exploration.planar_motion import planar_pose
+from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
+from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.pipeline import Scenario, Truth
 from lis_grasp.service.touch_service import TouchService
 from lis_grasp.shapes import Shape
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.next_touch import ObjectPlace
-from lis_grasp.stages.regrasp import touch_more
 from lis_grasp.stages.touch import (
     exploration_rng,
     make_perception,
@@ -37,6 +43,7 @@ from lis_grasp.stages.touch import (
     make_tracker,
     true_pose,
 )
+from lis_grasp.stages.touching_again import touch_more
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
 from lis_grasp.typing import FloatArray
 
@@ -159,6 +166,35 @@ def test_touches_after_a_grasp_cannot_reach_the_true_object(explored: Explored) 
     assert lesson.touched
     given, poses = [*watch.given, found.agent, contacts], [again.truth.X_EO, found.truth.X_EO]
     assert_without_truth(given, again.truth, poses)
+
+
+def test_no_record_of_the_robot_has_a_field_of_the_true_object() -> None:
+    roots = (
+        ExplorationState,
+        Exploration,
+        NextProbe,
+        TactilePerception,
+        ExplorationStrategy,
+        Agent,
+    )
+    records, seen = list[Any](roots), set[Any]()
+    while records:
+        record = records.pop()
+        if record in seen:
+            continue
+        seen.add(record)
+        assert record not in (Truth, World, Task, Scenario, Shape, LoggedProbe, SimulatedProber)
+        for name, hint in get_type_hints(record).items():
+            assert not {"true", "truth", "simulated"} & set(name.split("_")), f"{record}: {name}"
+            records += _classes_in(hint)
+    assert {Observation, ProbeOutcome, ObstacleModel, PoseBelief} <= seen
+
+
+def _classes_in(hint: Any) -> list[Any]:
+    """Return the record classes that a type names."""
+    if is_dataclass(hint):
+        return [hint]
+    return [record for part in get_args(hint) for record in _classes_in(part)]
 
 
 def test_what_is_true_is_found_where_it_is() -> None:

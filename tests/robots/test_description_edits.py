@@ -7,7 +7,7 @@ import pytest
 import trimesh
 import yaml
 
-from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.exceptions import InvalidFileError, InvalidHandError, LisGraspWarning
 from lis_grasp.robots._build_model import read_description
 from lis_grasp.robots._description import DescriptionEdits
 from lis_grasp.robots.hand import Hand
@@ -190,6 +190,39 @@ def test_a_visual_mesh_serves_where_no_collision_body_is(tmp_path: Path) -> None
     assert model.hulls_of_visuals == ("extra",)
     (body,) = [body for body in model.link_geometries if body.link == "extra"]
     np.testing.assert_allclose(body.mesh.extents, 0.02, rtol=0.02)  # facets are inside the ball
+
+
+def _with_extra(path: Path, mesh: str, more: str = "") -> Path:
+    """Write the barrett's description with one more link that a mesh file shows."""
+    geometry = f'<geometry><mesh filename="{mesh}"/></geometry>'
+    link = f'<link name="extra"><visual>{geometry}</visual>{more}</link>'
+    base = read_description(BARRETT).links[0]
+    joint = (
+        f'<joint name="to_extra" type="fixed"><parent link="{base}"/><child link="extra"/></joint>'
+    )
+    path.write_text(BARRETT.read_text().replace("</robot>", f"{link}{joint}</robot>"))
+    return path
+
+
+@pytest.mark.parametrize("content", [None, "no triangles"])
+def test_a_visual_that_is_a_links_only_body_must_be_there(
+    content: str | None, tmp_path: Path
+) -> None:
+    if content is not None:
+        (tmp_path / "palm.stl").write_text(content)
+    with pytest.raises(InvalidFileError) as refused:
+        read_description(_with_extra(tmp_path / "hand.urdf", "palm.stl"))
+    assert "palm.stl" in str(refused.value)
+
+
+def test_a_missing_visual_of_a_link_with_a_body_is_noted(tmp_path: Path) -> None:
+    body = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
+    with pytest.warns(LisGraspWarning) as noted:
+        model = read_description(_with_extra(tmp_path / "hand.urdf", "palm.stl", body))
+    (message,) = (str(w.message) for w in noted)
+    assert "extra" in message
+    assert "palm.stl" in message
+    assert "extra" not in {visual.link for visual in model.visuals}
 
 
 @pytest.mark.parametrize("uri", ["package://old_name/meshes/a.stl", "package://meshes/a.stl"])

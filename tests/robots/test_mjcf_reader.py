@@ -26,7 +26,7 @@ HAND = """<mujoco model="odd"><compiler angle="degree" autolimits="true"/>
   <geom type="box" size=".05 .04 .01"/><geom class="seen" type="sphere" size=".09"/>
   <body name="one" pos=".03 0 .02" euler="0 90 20" childclass="finger">
     <joint name="knuckle" pos="0 .004 -.01" ref="15"/><geom type="mesh" mesh="wedge" euler="5 6 7"/>
-    <body pos="0 0 .04"><joint name="tip" axis="1 1 0"/>
+    <body pos="0 0 .04"><joint name="tip" axis="1 1 0" ref="12"/>
       <geom type="capsule" fromto="0 0 0 .01 .02 .03" size=".005"/></body></body>
   <body name="two" pos="-.03 0 .02" childclass="finger"><inertial pos="0 .01 0" mass=".2"
       fullinertia="3e-4 2e-4 2e-4 1e-5 0 0"/>
@@ -75,7 +75,7 @@ def test_links_of_an_mjcf_are_where_mujoco_has_them(tmp_path: Path, mujoco: Any)
         placed = link_kinematics(model).poses(np.eye(4), q)
         at = {joint.name: joint.position(q) for joint in model.joints if joint.kind != "fixed"}
         at |= {
-            "tip": np.radians(0.0) + 0.1 + 0.7 * (q[0] - np.radians(15.0)),
+            "tip": np.radians(12.0) + 0.1 + 0.7 * (q[0] - np.radians(15.0)),
             "pulled": -2.0 * q[1],
         }
         at["sprung"] = np.radians(30.0)

@@ -10,7 +10,7 @@ import pytest
 from lis_grasp import Hand, lift, plan, shapes
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.geometry import apply_pose, rotate
-from lis_grasp.results.exploring import say_width
+from lis_grasp.results.notes import say_width
 from lis_grasp.robots.draft.pipeline import draft_hand
 from lis_grasp.robots.hand_check import opening_range
 

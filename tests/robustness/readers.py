@@ -507,7 +507,7 @@ def _check_run(path: Path) -> None:
     run = Run.load(path.parent)
     assert run.lift is None or isinstance(run.lift, dict)
     with suppress(LisGraspError):
-        assert run.config.facts()
+        assert run.task.facts()
     scene_of(path.parent).save(path.parent / "scene.html")
 
 

@@ -7,7 +7,7 @@ from stations import station_with
 
 from lis_grasp.arms.trajectory import time_path
 from lis_grasp.arms.use import ArmStoppedError, ArmUse, violations
-from lis_grasp.simulation.drake.dynamic_prober import TransitScene
+from lis_grasp.simulation.drake.transit_scene import TransitScene
 
 STATION = station_with("wsg50")
 ARM, HAND = STATION.arm, STATION.hand

@@ -620,7 +620,7 @@ def test_equal_grasp_tasks_are_computed_once(monkeypatch: pytest.MonkeyPatch) ->
         planned.append(arguments)
         return GraspSearch((), {"ik": len(planned)}, candidates=len(planned))
 
-    monkeypatch.setattr(pipeline, "plan", plan)
+    monkeypatch.setattr("lis_grasp_studies.study.run.plan_grasps", plan)
     grasp_and_lift.cache_clear()
     first, second = (Trial("sphere", "wsg50", touches, "none", 5) for touches in (5, 6))
     rows = [run_trial(Job(trial, ("truth", "patch"))) for trial in (first, second)]

@@ -22,7 +22,7 @@ from lis_grasp.exceptions import (
 from lis_grasp.geometry import unit
 from lis_grasp.io.contact_files import read_point_file
 from lis_grasp.surfaces import load_contacts
-from lis_grasp.surfaces.contact_loading import fraction_in_front
+from lis_grasp.surfaces.contact_checks import fraction_in_front
 from lis_grasp.typing import FloatArray
 
 RADIUS = 0.008

@@ -19,7 +19,7 @@ from lis_grasp.exploration import Exploration, load_observations
 from lis_grasp.io import provenance
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.results import exploring
-from lis_grasp.results.exploring import growth_counts
+from lis_grasp.results.growing import growth_counts
 from lis_grasp.results.page import scene_of, write_scene_of
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.visualization._story import Story

@@ -137,7 +137,7 @@ def rigid_groups(model: RobotModel) -> dict[str, str]:
 
 
 def shared_joints(model: RobotModel, fingers: Sequence[DraftFinger]) -> list[Joint]:
-    """Return the movable joints before all fingers, as of a wrist or an arm, the first first."""
+    """Return the movable joints before all fingers, as in a wrist or an arm, in order."""
     chains = [[j.name for j in joints_to(model.joints, f.link) if j.index >= 0] for f in fingers]
     common = set(chains[0]).intersection(*chains[1:])
     return [joint for joint in model.joints if joint.name in common]

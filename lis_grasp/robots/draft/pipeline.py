@@ -44,7 +44,7 @@ _OTHER_TILTS = ((0.25,), (0.0,))  # of pads that are tried next [rad]
 _TURNED = 0.95  # error of a pad's axis that is accepted at last (chord)
 _HIDDEN = 2.0  # ratio of faces, parts to hulls, above which parts replace a gripper's hulls
 _ASIDE = 0.5  # sideways part of the approach of a hand with a fixed jaw
-# Of many hands' joints [N m or N].
+# Efforts that many hands' joints have [N m or N].
 _USUAL_EFFORT = {"revolute": 1.0, "continuous": 1.0, "prismatic": 40.0}
 _USED = 0.9  # fraction of an effort that a finger's force may need
 # Largest force of one finger [N]: files often give more than a robot uses.

@@ -79,7 +79,7 @@ class ProbingScene:
             # Contact with the table costs by the triangles of the faces on it.
             faces = merge_flat_faces(mesh)
             self._object = add_object_body(plant, faces, mass=free.mass, friction=friction)
-            # At the radius of half the least extent [N m].
+            # The moment is taken at half the least extent [N m].
             radius = 0.5 * float(np.min(mesh.extents))
             self._resistance = _ROLLING_RESISTANCE * free.mass * GRAVITY * radius
         # Without an arm, the planned motion avoids the table.

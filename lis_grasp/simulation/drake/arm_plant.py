@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -188,11 +188,12 @@ def _add_arm_links(plant: MultibodyPlant, arm: Arm, X_WA: FloatArray) -> LinksIn
 class ArmWatch:
     """Records how an arm's limits are used, and every unwanted contact, at each time step.
 
-    Wanted are contacts of the object with fingertips and pads: links that carry a pad or lead in a
-    probe posture, and those fixed to them. No other link of the hand should touch the object, none
-    the table, and a link of the arm nothing at all. While the hand is to be `free` of the object,
-    even pads should not touch it. With `slides`, fingertips may touch the table. A contact of the
-    arm ends the motion, and, where `object_ends` it, an unwanted one of the object.
+    Wanted are contacts of the object with links of the hand that `may_touch` it; None for
+    fingertips and pads: links that carry a pad or lead in a probe posture, and those fixed to them.
+    No other link of the hand should touch the object, none the table, and a link of the arm nothing
+    at all. While the hand is to be `free` of the object, even pads should not touch it. With
+    `slides`, fingertips may touch the table. A contact of the arm ends the motion, and, where
+    `object_ends` it, an unwanted one of the object.
     """
 
     def __init__(
@@ -201,13 +202,14 @@ class ArmWatch:
         arm: ArmInPlant,
         *,
         use: ArmUse | None = None,
+        may_touch: Collection[str] | None = None,
         object_ends: bool = False,
         slides: bool = False,
     ) -> None:
         plant = scene.plant
         self.use = ArmUse() if use is None else use
         self.free, self._slides = object_ends, slides
-        self._wanted = arm.hand.hand.fingertip_links
+        self._wanted = arm.hand.hand.fingertip_links if may_touch is None else may_touch
         self._plant, self._context, self._arm = plant, scene.context, arm
         self._table, self._object_ends = scene.table, object_ends
         ignore_mounting(scene.filters, arm, scene.table)
@@ -243,17 +245,19 @@ class ArmWatch:
             info = results.hydroelastic_contact_info(i)
             surface = info.contact_surface()
             pair = surface.id_M(), surface.id_N()
+            force = float(np.linalg.norm(info.F_Ac_W().translational()))
             if self._table not in pair and (pair[0] in hand or pair[1] in hand):
-                force = float(np.linalg.norm(info.F_Ac_W().translational()))
                 self.use.contact_force = max(self.use.contact_force, force)
-            ends |= self._count(*pair)
+            ends |= self._count(*pair, force)
         for i in range(results.num_point_pair_contacts()):
-            points = results.point_pair_contact_info(i).point_pair()
-            ends |= self._count(points.id_A, points.id_B)
+            point_info = results.point_pair_contact_info(i)
+            points = point_info.point_pair()
+            force = float(np.linalg.norm(point_info.contact_force()))
+            ends |= self._count(points.id_A, points.id_B, force)
         return ends
 
-    def _count(self, first: GeometryId, second: GeometryId) -> bool:
-        """Count a contact if it is unwanted; return whether it ends the motion."""
+    def _count(self, first: GeometryId, second: GeometryId, force: float) -> bool:
+        """Count a contact with a force [N] if it is unwanted; return whether it ends the motion."""
         arm, hand = self._arm.link_of_geometry, self._arm.hand.link_of_geometry
         of_arm = first in arm or second in arm
         if not of_arm and first not in hand and second not in hand:
@@ -265,6 +269,7 @@ class ArmWatch:
             return False
         together = " with ".join(names)
         self.use.contacts[together] = self.use.contacts.get(together, 0) + 1
+        self.use.forces[together] = max(force, self.use.forces.get(together, 0.0))
         return of_arm or (self._object_ends and OBJECT in names)
 
     def _name(self, geometry: GeometryId) -> str:

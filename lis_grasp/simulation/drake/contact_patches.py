@@ -32,6 +32,8 @@ class LinkContact(HandContact):
     normal_force: float  # size of the force along the normal [N], without friction
     surface: ContactSurface | None  # the patch; None for point contact
     outward: float  # 1 if the patch's face normals point out of the object, else -1
+    link_geometry: GeometryId
+    felt_geometry: GeometryId
 
     def flat_parts(self) -> list[FlatPart]:
         """Return the flat parts of the patch; see `split_patch`."""
@@ -76,7 +78,9 @@ def link_contacts(
         object_is_m = surface.id_M() in felt
         if not object_is_m and surface.id_N() not in felt:
             continue
-        link = link_of_geometry.get(surface.id_N() if object_is_m else surface.id_M())
+        pair = surface.id_M(), surface.id_N()
+        felt_id, link_id = pair if object_is_m else pair[::-1]
+        link = link_of_geometry.get(link_id)
         if link is None:
             continue
         outward = -1.0 if object_is_m else 1.0
@@ -88,23 +92,37 @@ def link_contacts(
         normal_force = float(abs(force @ normal) / length)
         normal = outward * normal / length
         contacts.append(
-            LinkContact(link, surface.centroid(), normal, force, normal_force, surface, outward)
+            LinkContact(
+                link,
+                surface.centroid(),
+                normal,
+                force,
+                normal_force,
+                surface,
+                outward,
+                link_id,
+                felt_id,
+            )
         )
     for i in range(results.num_point_pair_contacts()):
         pair_info = results.point_pair_contact_info(i)
-        pair = pair_info.point_pair()
+        points = pair_info.point_pair()
         # Drake's force acts on the body of B; the normal points out of B, into A.
-        object_is_b = pair.id_B in felt
-        if not object_is_b and pair.id_A not in felt:
+        object_is_b = points.id_B in felt
+        if not object_is_b and points.id_A not in felt:
             continue
-        link = link_of_geometry.get(pair.id_A if object_is_b else pair.id_B)
+        pair = points.id_A, points.id_B
+        link_id, felt_id = pair if object_is_b else pair[::-1]
+        link = link_of_geometry.get(link_id)
         if link is None:
             continue
         outward = 1.0 if object_is_b else -1.0
-        point = np.array(pair.p_WCb if object_is_b else pair.p_WCa)
-        normal, force = outward * pair.nhat_BA_W, outward * pair_info.contact_force()
-        normal_force = float(abs(force @ normal))
-        contacts.append(LinkContact(link, point, normal, force, normal_force, None, outward))
+        point = np.array(points.p_WCb if object_is_b else points.p_WCa)
+        normal, force = outward * points.nhat_BA_W, outward * pair_info.contact_force()
+        strength = float(abs(force @ normal))
+        contacts.append(
+            LinkContact(link, point, normal, force, strength, None, outward, link_id, felt_id)
+        )
     return contacts
 
 

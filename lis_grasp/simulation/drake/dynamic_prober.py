@@ -14,20 +14,17 @@ from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory
 from lis_grasp.arms.use import ArmStoppedError, ArmUse
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_positive
-from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
+from lis_grasp.exploration import HandPose, ObstacleModel, Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import GENTLE_SPEED, PROBE_SPEED
-from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.geometry import apply_pose, inverse_pose, rotate
+from lis_grasp.geometry import apply_pose, as_pose, inverse_pose, rotate
 from lis_grasp.probing.course import Course, Leg, path_back, path_out
 from lis_grasp.probing.guarded_motion import SLIDE_STEP, GuardedMotion
 from lis_grasp.records import read_only
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
-from lis_grasp.simulation.drake._plant_scene import PlantScene
 from lis_grasp.simulation.drake._probing_scene import ProbingScene
-from lis_grasp.simulation.drake.arm_plant import ArmWatch, add_arm
-from lis_grasp.simulation.drake.hand_plant import add_hand_model
-from lis_grasp.simulation.drake.object_plant import FreeObject, add_object_body, add_table
+from lis_grasp.simulation.drake.object_plant import FreeObject
+from lis_grasp.simulation.drake.transit_scene import TransitScene
 from lis_grasp.typing import FloatArray
 
 # Free flight needs no dynamics: the simulation starts this far before the first contact [m]; an arm
@@ -44,9 +41,6 @@ _PathOf = Callable[[Arm, Course, float, float], JointTrajectory]
 
 ARM_STOPPED = "the arm stopped"
 GRAZED = "a link grazed the object below the force threshold"
-
-# Time before and after a touch in which the fingertip is within millimetres of the object [s].
-_GRAZING = 0.2
 
 
 class DynamicProber:
@@ -118,7 +112,7 @@ class DynamicProber:
 
     def place_object(self, X_EO: FloatArray) -> None:
         """Place the true object, free and at rest, at a recorded pose, shape (4, 4)."""
-        self._X_EO = read_only(np.array(X_EO, dtype=np.float64))
+        self._X_EO = read_only(as_pose(X_EO).copy())
 
     def move_frame(self, X_EF: FloatArray) -> None:
         """Give later probes in a frame F with pose X_EF, shape (4, 4), about the vertical axis."""
@@ -239,80 +233,3 @@ class DynamicProber:
         """Return the largest displacement of a point of the object from an earlier pose [m]."""
         before, now = (apply_pose(X, self._hull) for X in (X_EO, self._X_EO))
         return float(np.linalg.norm(now - before, axis=1).max())
-
-
-class TransitScene:
-    """A simulation of an arm that moves in free space with the hand in one posture.
-
-    The time step is 10 ms: nothing is to be touched, and the joints' control is implicit. The
-    object stays where it is. `use` records what is demanded of the arm, and every contact.
-
-    Parameters
-    ----------
-    station
-        The station.
-    mesh
-        The true object, watertight.
-    use
-        Gets what the motions demand of the arm.
-    """
-
-    def __init__(self, station: Station, mesh: trimesh.Trimesh, use: ArmUse) -> None:
-        self._scene = scene = PlantScene(TIME_STEP, contact_model="hydroelastic_with_fallback")
-        plant, hand = scene.plant, station.hand
-        self._hand = add_hand_model(plant, hand)
-        posture = next(iter(hand.probe_postures.values())).joint_positions
-        self._arm = add_arm(plant, station, self._hand, posture)
-        obj = add_object_body(plant, mesh, mass=1.0)
-        table = None
-        if station.table is not None:
-            table = add_table(plant, station.table.height, under=mesh)
-        scene.finalize(self._hand, obj, table=table)
-        self._fingers = plant.get_desired_state_input_port(self._hand.instance)
-        self._finger_efforts = plant.get_actuation_input_port(self._hand.instance)
-        self._watch = ArmWatch(scene, self._arm, use=use, object_ends=True)
-
-    def run(
-        self,
-        way: JointTrajectory,
-        q_hand: FloatArray,
-        X_WO: FloatArray,
-        *,
-        touch: float | None = None,
-    ) -> None:
-        """Simulate a motion of the arm, with the hand's joints (K,) fixed and the object at X_WO.
-
-        `touch` is the time of the touch that begins or ends it [s], beside which a fingertip may
-        graze the object; None for none.
-
-        Raises `ArmStoppedError` if the arm touches something, or a joint stays at its largest
-        effort, and `SimulationError` if Drake's solver fails.
-        """
-        self._place(way, q_hand, X_WO)
-        for n in range(1, len(way.times)):
-            self._command(way, n)
-            self._watch.free = touch is None or abs(n * TIME_STEP - touch) > _GRAZING
-            self._scene.step(of="an arm's way")
-            self._watch.check()
-
-    def _place(self, way: JointTrajectory, q_hand: FloatArray, X_WO: FloatArray) -> None:
-        """Set everything to the start of a motion, the joints of hand and object locked."""
-        scene, context, links = self._scene, self._scene.context, self._hand.links
-        followers = (joint for joint, _ in links.followers)
-        held = [*links.joints, *followers, scene.object_joint]
-        for joint in held:
-            joint.Unlock(context)
-        self._hand.set_joint_positions(context, q_hand)
-        scene.place_object(X_WO)
-        scene.stop()
-        self._arm.place(context, way.positions[0], way.velocities[0])
-        for joint in held:
-            joint.Lock(context)
-        self._fingers.FixValue(context, np.concatenate([q_hand, np.zeros_like(q_hand)]))
-        self._finger_efforts.FixValue(context, np.zeros(len(q_hand)))
-        self._command(way, 0)
-        scene.restart()
-
-    def _command(self, way: JointTrajectory, n: int) -> None:
-        q, qd, qdd = way.positions[n], way.velocities[n], way.accelerations[n]
-        self._arm.command(self._scene.context, q, qd, qdd)

@@ -1,4 +1,4 @@
-"""Hand in a Drake plant: links with compliant skin, joints under PD control, a pulled wrist."""
+"""Hand in a Drake plant: links with compliant skin, and joints under PD control."""
 
 from __future__ import annotations
 
@@ -7,20 +7,11 @@ from dataclasses import dataclass
 from warnings import warn
 
 import numpy as np
-from pydrake.common.value import AbstractValue
-from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet
-from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialForce, SpatialVelocity
+from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet, SceneGraph
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
-from pydrake.multibody.tree import (
-    BodyIndex,
-    Joint,
-    ModelInstanceIndex,
-    PdControllerGains,
-    RigidBody,
-)
-from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint, ModelInstanceIndex, PdControllerGains, RigidBody
+from pydrake.systems.framework import Context, DiagramBuilder
 
 from lis_grasp.exceptions import InvalidOptionError, listed
 from lis_grasp.robots.hand import Hand
@@ -28,12 +19,9 @@ from lis_grasp.robots.mjcf import SERVO_STIFFNESS
 from lis_grasp.robots.robot_model import by_joint_kind
 from lis_grasp.shapes.object_mass import USUAL_FRICTION
 from lis_grasp.simulation.drake.link_plant import LinksInPlant, add_links, add_skin
+from lis_grasp.simulation.drake.pd_wrist import PdWrist
+from lis_grasp.simulation.drake.plant_parts import wrong_type
 from lis_grasp.typing import FloatArray, IndexArray
-
-# Critical damping at this angular frequency [rad/s]: the hand lags by 50 ms.
-_FREQUENCY = 40.0
-# Radius of gyration of a hand about its base link's frame [m].
-_GYRATION = 0.07
 
 PROBING_SKIN = 1e6
 """Hydroelastic modulus of the skin while probing [Pa].
@@ -48,38 +36,6 @@ _DAMPING = {"revolute": 0.1, "prismatic": 50.0}  # [N m s/rad], [N s/m]
 _COMPLIANCE = ("hydroelastic", "compliance_type")  # Drake's name of the property
 
 
-class PdWrist(LeafSystem):
-    """Pulls a floating body of a mass [kg] to a desired pose: a critically damped spring.
-
-    Input ports ``X_WG`` (the desired pose), ``body_poses`` and ``body_spatial_velocities``; the
-    output port is for the plant's ``applied_spatial_force``.
-    """
-
-    def __init__(self, body: BodyIndex, mass: float) -> None:
-        super().__init__()
-        make = AbstractValue.Make
-        self._body, self._inertia = body, mass * np.repeat([_GYRATION**2, 1.0], 3)
-        self._goal = self.DeclareAbstractInputPort("X_WG", make(RigidTransform()))
-        self._poses = self.DeclareAbstractInputPort("body_poses", make([RigidTransform()]))
-        self._velocities = self.DeclareAbstractInputPort(
-            "body_spatial_velocities", make([SpatialVelocity()])
-        )
-        force = ExternallyAppliedSpatialForce()
-        self.DeclareAbstractOutputPort("forces", lambda: make([force]), self._pull)
-
-    def _pull(self, context: Context, output: AbstractValue) -> None:
-        goal, X = self._goal.Eval(context), self._poses.Eval(context)[self._body]
-        V = self._velocities.Eval(context)[self._body]
-        turn = (goal.rotation() @ X.rotation().inverse()).ToAngleAxis()
-        error = np.append(turn.angle() * turn.axis(), goal.translation() - X.translation())
-        velocity = np.append(V.rotational(), V.translational())
-        pull = self._inertia * (_FREQUENCY**2 * error - 2.0 * _FREQUENCY * velocity)
-        force = ExternallyAppliedSpatialForce()
-        force.body_index = self._body
-        force.F_Bq_W = SpatialForce(tau=pull[:3], f=pull[3:])
-        output.set_value([force])
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class HandInPlant:
     """A hand in a plant, which `add_hand` has added or `find_hand` has found."""
@@ -87,6 +43,7 @@ class HandInPlant:
     hand: Hand
     links: LinksInPlant
     link_of_geometry: Mapping[GeometryId, str]
+    scene_graph: SceneGraph | None = None  # of the plant; None if that was finalized before
 
     @property
     def instance(self) -> ModelInstanceIndex:
@@ -136,16 +93,40 @@ class HandInPlant:
         """Add a system that pulls the floating hand to a pose, and return it.
 
         Connect its input ``X_WG``, and its output to the plant's ``applied_spatial_force``: of
-        several hands by an ``ExternallyAppliedSpatialForceMultiplexer``.
+        several hands by an ``ExternallyAppliedSpatialForceMultiplexer``. It is stable at every time
+        step.
+
+        Raises `InvalidOptionError` if the plant is not finalized, or the hand does not float, or
+        has weight, which a wrist does not carry.
         """
-        plant = self.base.GetParentPlant()
+        if not isinstance(builder, DiagramBuilder):
+            raise wrong_type("builder", builder, "the DiagramBuilder of the plant")
+        plant, base = self.base.GetParentPlant(), self.base
+        name = plant.GetModelInstanceName(self.instance)
         if not plant.is_finalized():
             raise InvalidOptionError(
                 "a wrist needs a finalized plant: call plant.Finalize() first", option="builder"
             )
-        wrist: PdWrist = builder.AddSystem(PdWrist(self.base.index(), self.hand.mass))
-        for name in ("body_poses", "body_spatial_velocities"):
-            builder.Connect(plant.GetOutputPort(name), wrist.GetInputPort(name))
+        if not base.is_floating_base_body():
+            raise InvalidOptionError(
+                f"a wrist needs a hand that floats; '{name}' is held by a joint or a weld: add it"
+                " without one, or move what holds it",
+                option="hand",
+                value=name,
+            )
+        if plant.is_gravity_enabled(self.instance):
+            raise InvalidOptionError(
+                f"a wrist needs a hand without gravity; '{name}' has weight, and would hang"
+                f" low: call add_hand before plant.Finalize()",
+                option="hand",
+                value=name,
+            )
+        every = map(plant.get_joint, plant.GetJointIndices())
+        floats = [joint.index() for joint in every if joint.child_body().index() == base.index()]
+        carried = plant.GetBodiesKinematicallyAffectedBy(floats)
+        wrist: PdWrist = builder.AddSystem(PdWrist(base, [plant.get_body(b) for b in carried]))
+        for port in ("body_poses", "body_spatial_velocities"):
+            builder.Connect(plant.GetOutputPort(port), wrist.GetInputPort(port))
         return wrist
 
     def X_WL(self, plant_context: Context, link: str) -> FloatArray:
@@ -164,6 +145,7 @@ def require_in_plant(system: str, hand: object) -> None:
             f"{system} needs the hand in the plant, which add_hand returns; it has a"
             f" {type(hand).__name__}",
             option="hand",
+            value=hand,
         )
 
 
@@ -196,16 +178,17 @@ def add_hand_model(
         plant.AddCouplerConstraint(follower, leader, joint.multiplier, joint.offset)
     link_of_geometry = add_skin(plant, hand, links, friction=friction, modulus=modulus)
     plant.set_gravity_enabled(links.instance, False)
-    added = HandInPlant(hand, links, link_of_geometry)
-    _ignore_self_collision(plant, added)
+    added = HandInPlant(hand, links, link_of_geometry, Parser(plant).scene_graph())
+    _ignore_self_collision(added)
     return added
 
 
 def find_hand(plant: MultibodyPlant, hand: Hand, instance: ModelInstanceIndex) -> HandInPlant:
     """Return a hand that is in a plant already, such as one that a parser has added.
 
-    Its links and joints are found in the model instance by their names. A link without hydroelastic
-    properties is reported by a warning while the plant is not finalized.
+    Its links and joints are found in the model instance by their names. While the plant is not
+    finalized, it loses its weight, as a hand of `add_hand`, and a link without hydroelastic
+    properties is reported by a warning.
 
     Raises `InvalidOptionError` if the instance lacks a link, a joint or an actuator, or has other
     actuators.
@@ -238,6 +221,8 @@ def find_hand(plant: MultibodyPlant, hand: Hand, instance: ModelInstanceIndex) -
         for geometry in plant.GetCollisionGeometriesForBody(body)
     }
     scene_graph = None if plant.is_finalized() else Parser(plant).scene_graph()
+    if not plant.is_finalized():
+        plant.set_gravity_enabled(instance, False)
     if scene_graph is not None:
         inspector = scene_graph.model_inspector()
         hard = {
@@ -252,7 +237,7 @@ def find_hand(plant: MultibodyPlant, hand: Hand, instance: ModelInstanceIndex) -
                 " drake:compliant_hydroelastic in their file, or let add_hand add the hand",
                 stacklevel=3,
             )
-    return HandInPlant(hand, links, link_of_geometry)
+    return HandInPlant(hand, links, link_of_geometry, scene_graph)
 
 
 def _driven_joints(plant: MultibodyPlant, instance: ModelInstanceIndex) -> list[str]:
@@ -261,10 +246,9 @@ def _driven_joints(plant: MultibodyPlant, instance: ModelInstanceIndex) -> list[
     return [each.joint().name() for each in every if each.model_instance() == instance]
 
 
-def _ignore_self_collision(plant: MultibodyPlant, added: HandInPlant) -> None:
+def _ignore_self_collision(added: HandInPlant) -> None:
     """Exclude collisions between links of the hand, before a context is made."""
-    scene_graph = Parser(plant).scene_graph()
-    if scene_graph is not None:
+    if added.scene_graph is not None:
         declaration = CollisionFilterDeclaration()
         declaration.ExcludeWithin(GeometrySet(list(added.link_of_geometry)))
-        scene_graph.collision_filter_manager().Apply(declaration)
+        added.scene_graph.collision_filter_manager().Apply(declaration)

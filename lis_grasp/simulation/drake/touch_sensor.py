@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from warnings import warn
 
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import GeometryId
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, RigidBody
+from pydrake.multibody.tree import BodyIndex, Frame, ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Context, EventStatus, InputPort, LeafSystem, State
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.exploration.probe_motions import TRANSIT_SPEED
 from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.tactile_sensor import TactileSensor
@@ -25,6 +24,7 @@ from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.probing.course import FREE_POINT_SPACING
 from lis_grasp.robots.link_bodies import balls_inside
 from lis_grasp.simulation.drake._touch_record import TouchRecord
+from lis_grasp.simulation.drake.contact_methods import ContactMethods
 from lis_grasp.simulation.drake.contact_patches import (
     FlatPart,
     LinkContact,
@@ -32,11 +32,20 @@ from lis_grasp.simulation.drake.contact_patches import (
     link_contacts,
 )
 from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
+from lis_grasp.simulation.drake.plant_parts import (
+    bodies_of,
+    frame_of,
+    pose_of,
+    require_plant,
+    require_type,
+    wrong_type,
+)
 from lis_grasp.typing import FloatArray, IndexArray
 
 # Between looks at the hand's poses for free space [s].
 _SWEEP_PERIOD = FREE_POINT_SPACING / TRANSIT_SPEED
-
+# Between samples in a plant without a time step [s]: a probe moves 0.2 mm.
+_PERIOD = 0.002
 
 _NOTHING = Contacts.empty()
 
@@ -45,8 +54,9 @@ class TouchSensor(LeafSystem):
     """Feels with every link of a hand, and remembers where it touched.
 
     A contact is the area-weighted centroid of a contact patch and its outward normal; a patch
-    across an edge counts as two. Of point contact, the witness point on the object counts, and a
-    warning is given once.
+    across an edge counts as two. Of point contact, the witness point on the object counts. An
+    `InexactContactWarning` names each pair of bodies whose contact Drake computes on point pairs,
+    or on the convex hull of a mesh.
 
     Frames: W world; E frame of the contacts, fixed in W, or to a body.
 
@@ -66,11 +76,12 @@ class TouchSensor(LeafSystem):
     hand
         The hand in it, as `add_hand` returns it.
     feels
-        Bodies or model instances whose contact counts; None for all that is not the hand.
+        Bodies or model instances whose contact counts, or their names; None for all that is not
+        the hand.
     X_WE
         The frame E in the world or, with `frame`, in the body's frame; None for the identity.
     frame
-        A body with which E moves; None for the world.
+        A body or a frame with which E moves; None for the world.
     threshold
         Least normal force of a contact [N].
     spacing
@@ -83,12 +94,14 @@ class TouchSensor(LeafSystem):
         The object's place and size in E, or the region that contains it. Balls of free space that
         the hand sweeps there are recorded.
     period
-        Time between samples [s]; None for the plant's time step, and inf for no record.
+        Time between samples [s]; None for the plant's time step, or 2 ms in a continuous plant,
+        and inf for no record.
 
     Raises
     ------
     InvalidOptionError
-        If the plant is not finalized, the hand is of another plant, or nothing can be felt.
+        If the plant is not finalized, the hand is of another plant, nothing can be felt, or an
+        option is out of range.
 
     Examples
     --------
@@ -106,9 +119,9 @@ class TouchSensor(LeafSystem):
         plant: MultibodyPlant,
         hand: HandInPlant,
         *,
-        feels: Iterable[RigidBody | ModelInstanceIndex] | None = None,
+        feels: Iterable[RigidBody | ModelInstanceIndex | str] | None = None,
         X_WE: RigidTransform | None = None,
-        frame: RigidBody | None = None,
+        frame: RigidBody | Frame | str | None = None,
         threshold: float = 0.2,
         spacing: float | None = None,
         noise: TactileSensor | None = None,
@@ -117,7 +130,7 @@ class TouchSensor(LeafSystem):
         period: float | None = None,
     ) -> None:
         super().__init__()
-        if not plant.is_finalized():
+        if not require_plant(plant).is_finalized():
             raise InvalidOptionError(
                 "TouchSensor needs a finalized plant: call plant.Finalize() first", option="plant"
             )
@@ -126,8 +139,9 @@ class TouchSensor(LeafSystem):
             raise InvalidOptionError(
                 "TouchSensor needs a hand of its plant: this one is in another", option="hand"
             )
-        if frame is not None:
-            _require_of_plant(plant, frame, "frame")
+        require_type("noise", noise, TactileSensor)
+        if period is not None and not (isinstance(period, float) and np.isposinf(period)):
+            require_positive(period=period)
         self._felt_geometries = _geometries(plant, hand, feels)
         if not self._felt_geometries:
             raise InvalidOptionError(
@@ -136,10 +150,14 @@ class TouchSensor(LeafSystem):
             )
         self._hand, self._noise, self._seed, self._space = hand, noise, seed, space
         self._detection = TouchDetection(threshold=threshold, spacing=spacing)
-        self._X_FE = np.eye(4) if X_WE is None else X_WE.GetAsMatrix4()
-        self._frame = None if frame is None else frame.index()
+        self._X_FE = pose_of(X_WE, "X_WE").GetAsMatrix4()
+        self._frame: BodyIndex | None = None
+        if frame is not None:
+            moving = frame_of(plant, frame, "frame")
+            self._frame = moving.body().index()
+            self._X_FE = moving.GetFixedPoseInBodyFrame().GetAsMatrix4() @ self._X_FE
         self._bodies, self._owners, self._balls = _balls_of(hand)
-        self._warned = False
+        self._methods = ContactMethods(hand, self._felt_geometries)
         declare = self.DeclareAbstractInputPort
         self._results: InputPort = declare("contact_results", AbstractValue.Make(ContactResults()))
         self._poses: InputPort = declare("body_poses", AbstractValue.Make([RigidTransform()]))
@@ -156,7 +174,8 @@ class TouchSensor(LeafSystem):
             lambda context, output: output.set_value(_record_in(context.get_state()).contacts),
             {self.abstract_state_ticket(state)},
         )
-        period = plant.time_step() if period is None else period
+        if period is None:
+            period = plant.time_step() or _PERIOD
         if np.isfinite(period):
             self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._record)
             if space is not None:
@@ -219,15 +238,7 @@ class TouchSensor(LeafSystem):
         results = self._results.Eval(context)
         contacts = link_contacts(results, self._felt_geometries, self._hand.link_of_geometry)
         strong = [contact for contact in contacts if contact.normal_force > force]
-        if not self._warned and any(contact.surface is None for contact in strong):
-            self._warned = True
-            warn(
-                f"TouchSensor {self.get_name()} feels point contact: meshes are felt as their"
-                " convex hulls, and forces begin large. For exact contact give both bodies"
-                " hydroelastic properties, and the plant"
-                " contact_model='hydroelastic_with_fallback'",
-                stacklevel=2,
-            )
+        self._methods.check(strong)
         return strong
 
     def _contacts(self, context: Context, parts: list[FlatPart]) -> Contacts:
@@ -263,36 +274,24 @@ def _updated(state: State, before: TouchRecord, after: TouchRecord) -> EventStat
     return EventStatus.Succeeded()
 
 
-def _require_of_plant(plant: MultibodyPlant, body: RigidBody, option: str) -> None:
-    if body.GetParentPlant() is not plant:
-        raise InvalidOptionError(
-            f"TouchSensor needs bodies of its plant: {option} has {body.name()} of another",
-            option=option,
-        )
-
-
 def _geometries(
     plant: MultibodyPlant,
     hand: HandInPlant,
-    feels: Iterable[RigidBody | ModelInstanceIndex] | None,
-) -> set[GeometryId]:
-    """Return the collision geometries that are felt."""
-    bodies: list[RigidBody] = []
-    if isinstance(feels, RigidBody | ModelInstanceIndex):
+    feels: Iterable[RigidBody | ModelInstanceIndex | str] | None,
+) -> dict[GeometryId, RigidBody]:
+    """Return the collision geometries that are felt, and their bodies."""
+    if isinstance(feels, RigidBody | Frame | ModelInstanceIndex | str):
         feels = [feels]
     if feels is None:
         instances = [ModelInstanceIndex(i) for i in range(plant.num_model_instances())]
         feels = [instance for instance in instances if instance != hand.instance]
-    for felt in feels:
-        if isinstance(felt, ModelInstanceIndex):
-            bodies += map(plant.get_body, plant.GetBodyIndices(felt))
-        else:
-            _require_of_plant(plant, felt, "feels")
-            bodies.append(felt)
+    if not isinstance(feels, Iterable):
+        raise wrong_type("feels", feels, "bodies or model instances of the plant")
     of_hand = hand.link_of_geometry
     return {
-        geometry
-        for body in bodies
+        geometry: body
+        for felt in feels
+        for body in bodies_of(plant, felt, "feels")
         for geometry in plant.GetCollisionGeometriesForBody(body)
         if geometry not in of_hand
     }

@@ -71,6 +71,21 @@ const Appearance = (() => {
     Object.assign(material, { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
   }
 
+  // Lets a faded group hide its own inside: only the surfaces that are nearest to the camera show.
+  function hideInside(group) {
+    for (const mesh of meshes(group).filter((o) => o.isMesh)) {
+      const nearest = mesh.clone(false);
+      nearest.material = Object.assign(mesh.material.clone(), { colorWrite: false });
+      nearest.matrixAutoUpdate = true;
+      for (const part of ["position", "quaternion", "scale"]) nearest[part].copy(new THREE.Object3D()[part]);
+      nearest.castShadow = nearest.receiveShadow = false;
+      nearest.renderOrder = 3;
+      mesh.renderOrder = 4;
+      for (const edges of mesh.children) edges.renderOrder = 4;
+      mesh.add(nearest);
+    }
+  }
+
   function addEdges(mesh, color, opacity) {
     const material = new THREE.LineBasicMaterial({ color, opacity, transparent: true });
     mesh.add(new THREE.LineSegments(new THREE.EdgesGeometry(mesh.geometry, 35), material));
@@ -121,5 +136,5 @@ const Appearance = (() => {
     }
   }
 
-  return { addEdges, addLights, fade, makeGlass, meshes, pushBack, reveal, setUpCopies, studio };
+  return { addEdges, addLights, fade, hideInside, makeGlass, meshes, pushBack, reveal, setUpCopies, studio };
 })();

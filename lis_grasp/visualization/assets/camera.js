@@ -107,7 +107,7 @@ const Eye = (viewer, scene, story) => {
   function clearness(place) {
     const seen = viewer.camera.position;
     const towards = new THREE.Vector3(seen.x, -seen.z, seen.y).sub(centre).normalize();
-    return 1 - 0.85 * ramp(0.4, place.clone().sub(centre).normalize().dot(towards) - 0.35);
+    return 1 - 0.75 * ramp(0.4, place.clone().sub(centre).normalize().dot(towards) - 0.35);
   }
 
   viewer.controls.addEventListener("start", () => { touched = true; });

@@ -2,7 +2,7 @@
 (async () => {
   "use strict";
   const THREE = MeshCat.THREE;
-  const { addEdges, fade, makeGlass, meshes, pushBack, reveal, setUpCopies } = Appearance;
+  const { addEdges, fade, hideInside, makeGlass, meshes, pushBack, reveal, setUpCopies } = Appearance;
   const scene = JSON.parse(document.getElementById("scene-data").textContent);
   const element = (id) => document.getElementById(id);
   const pane = element("meshcat-pane");
@@ -10,6 +10,8 @@
     element("trouble").hidden = false;
     element("trouble").textContent = trouble;
   };
+  window.addEventListener("unhandledrejection", ({ reason }) => tell(`This page cannot be drawn: ${reason}`));
+  window.addEventListener("error", ({ message }) => tell(`This page cannot be drawn: ${message}`));
 
   let viewer;
   try {
@@ -108,7 +110,10 @@
       return group;
     });
     const touch = scene.touches.find((one) => one);
-    if (touch) toucher = posed(touch.links.concat(touch.arm ? touch.arm[0] : []));
+    if (touch) {
+      toucher = posed(touch.links.concat(touch.arm ? touch.arm[0] : []));
+      hideInside(toucher);
+    }
     layers.hand = hand;
   }
 

@@ -39,7 +39,7 @@ const Story = (facts) => {
   function caption(now, noteOf) {
     if (now.name === "touch") {
       if (!now.made) return "No contacts yet";
-      const made = now.surface === null ? "" : `; estimate from ${now.surface}`;
+      const made = now.surface === null ? "" : `; estimate from the first ${now.surface}`;
       return `Touch ${now.made} of ${touch.contacts}${made}`;
     }
     if (now.name === "grasp") {

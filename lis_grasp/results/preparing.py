@@ -1,0 +1,34 @@
+"""Preparation of a run: its scenario, refused before work if the run cannot be made."""
+
+from __future__ import annotations
+
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.results.notes import say_object
+from lis_grasp.results.progress import Progress
+from lis_grasp.robots.inertias import require_possible_inertias
+from lis_grasp.stages.lift import require_simulator
+from lis_grasp.stages.scenario import Scenario
+from lis_grasp.task.task import Task
+
+
+def require_runnable(task: Task) -> None:
+    """Raise `InvalidOptionError` for obstacles, and for slides that may not be made."""
+    task.require_slides()
+    if task.known.obstacles is not None:
+        raise InvalidOptionError(
+            "a run simulates no obstacles: plan with them on its surface.ply, by lis-grasp grasp",
+            option="obstacles",
+        )
+
+
+def prepared(task: Task, progress: Progress) -> Scenario:
+    """Return the scenario of a run, and report what is odd of its object.
+
+    Raises the errors of `Scenario.from_config`, and those of a hand that Drake cannot simulate and
+    of a simulator that is not installed.
+    """
+    scenario = Scenario.from_config(task)
+    say_object(scenario, progress)
+    require_possible_inertias(scenario.agent.hand)
+    require_simulator(task.world.simulator, scenario.truth.shape)
+    return scenario

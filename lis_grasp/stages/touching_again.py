@@ -1,0 +1,105 @@
+"""Touches after a grasp: the object is found again, and touched some more times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exploration import (
+    Landmark,
+    PoseTracker,
+    RegionPolicy,
+    Workspace,
+    begin_again,
+    explore_steps,
+)
+from lis_grasp.exploration.planar_motion import PoseBelief
+from lis_grasp.exploration.pose_tracking import doubted
+from lis_grasp.exploration.probe_motions import surface_probe
+from lis_grasp.stages.scenario import Scenario
+from lis_grasp.stages.touch import (
+    exploration_rng,
+    make_perception,
+    make_prober,
+    make_strategy,
+    true_pose,
+)
+
+# Touches that a failed attempt is followed by, beside those that find the object again.
+_MORE_TOUCHES = 4
+
+
+# Probes without a result for each of these touches, before they are given up.
+_PROBES_PER_TOUCH = 4
+
+
+# Known contacts that may be touched again to find the object.
+_TOUCHED_AGAIN = 48
+
+
+@dataclass(frozen=True, slots=True)
+class Lesson:
+    """What a failed attempt taught: what the hand felt, and the touches after it."""
+
+    felt: int  #: contacts of the hand
+    touched: int  #: contacts by touches after it; all that are known, if the object was lost
+    probes: int  #: of these touches
+    moved: float  #: where the object was found: the displacement of its frame [m]
+    lost: bool  #: whether it was found somewhere else, earlier contacts unused
+
+
+def touch_more(
+    scenario: Scenario, contacts: Contacts, *, moved: bool
+) -> tuple[Scenario, Contacts, Lesson]:
+    """Touch an object of known contacts some more times; if it has moved, find it first.
+
+    An exploration is continued, of a free object, by simulated touches with forces. After a motion,
+    known contacts are touched again and register the object (`PoseTracker`). If they contradict the
+    contacts, it has toppled or is far away: it is explored anew, and the earlier contacts are used
+    as soon as the new ones tell where they are.
+
+    Returns the scenario and all contacts in the frame of the object where it was found, and counts.
+    Without contacts, it was not found.
+    """
+    agent = scenario.agent
+    if isinstance(agent.space, Workspace):
+        space = replace(agent.space, support_height=agent.support_height)
+        agent = replace(agent, space=space)
+    again = np.unique(np.linspace(0, len(contacts) - 1, _TOUCHED_AGAIN).round()).astype(int)
+    rest = contacts.subset(np.delete(np.arange(len(contacts)), again))
+    tracker = PoseTracker(agent.robot.sensor.position_noise)
+    perception = replace(make_perception(agent.perception, rest), tracker=tracker)
+    surface, space = (
+        perception.estimate(contacts),
+        agent.known_space.grown(contacts).fitted_to(contacts),
+    )
+    landmarks = []
+    for one in map(contacts.subset, again[:, None]):
+        probe = surface_probe(one.points[0], one.normals[0], space, contacts, surface, ())
+        landmarks.append(Landmark(probe, one))
+    strategy = replace(make_strategy(agent), touches=None)
+    if isinstance(strategy.policy, RegionPolicy):
+        policy = replace(strategy.policy, landmarks=landmarks)
+        strategy = replace(strategy, policy=policy)
+    start = begin_again(perception, strategy, landmarks, doubted() if moved else PoseBelief.start())
+    task = scenario.task.having(prober="dynamic", free=True, fingers="one")
+    prober, rng = make_prober(replace(scenario, task=task)), exploration_rng(agent)
+    rng.spawn(len(landmarks) + 1)  # the first generators are those of touches before
+    touches = agent.decide.touches
+    wanted, lost = len(landmarks) + _MORE_TOUCHES, False
+    for state in explore_steps(prober, perception, strategy, rng=rng, start=start):
+        probes = len(state.observations)
+        for last in state.observations[-1:]:
+            if last.is_lost or last.is_joined:
+                wanted, lost = (touches if last.is_lost else 0), last.is_lost
+        in_doubt = state.belief is not None and state.belief.trust == "doubted"
+        made = len(state.contacts) >= wanted and not in_doubt
+        if made or probes >= _PROBES_PER_TOUCH * (touches if lost else 2 * _MORE_TOUCHES):
+            break
+    X_EF = np.eye(4) if state.belief is None else state.belief.X_WE
+    scenario, found = scenario.after(state.result, true_pose(prober)), state.known
+    touched = len(found) - (0 if lost else len(contacts))
+    distance = float(np.linalg.norm(X_EF[:3, 3]))
+    return scenario, found, Lesson(0, touched, probes, distance, lost)

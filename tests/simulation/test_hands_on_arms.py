@@ -1,0 +1,71 @@
+"""Every hand of the package on every arm of the package: it runs, or is refused at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import lis_grasp
+from lis_grasp.arms.station import Station, Table
+from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.lifting.outcome import ArmUse
+from lis_grasp.robots.arm import Arm
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.shipped_models import ARM_NAMES, HAND_NAMES
+from lis_grasp.simulation.drake.dynamic_prober import TransitScene
+
+BOX = trimesh.creation.box([0.06, 0.08, 0.12])
+_X_WA = np.eye(4)
+_X_WA[:3, 3] = -0.55, 0.0, 0.2
+
+
+@pytest.mark.parametrize("arm", ARM_NAMES)
+@pytest.mark.parametrize("hand", HAND_NAMES)
+def test_an_arm_carries_every_hand_at_rest(arm: str, hand: str) -> None:
+    # Joints that follow others are locked with them: their couplings must not make steps singular.
+    station = Station.make(Arm.load(arm), Hand.load(hand), _X_WA, table=Table())
+    use = ArmUse()
+    scene = TransitScene(station, BOX, use)
+    posture = next(iter(station.hand.probe_postures.values())).joint_positions
+    steps, home = 5, station.arm.home
+    rest = np.zeros((steps, len(home)))
+    times = TIME_STEP * np.arange(steps)
+    way = JointTrajectory(station.arm.joint_names, times, rest + home, rest, rest)
+    X_WO = np.eye(4)
+    X_WO[:3, 3] = 0.0, 0.0, 0.06
+    scene.run(way, posture, X_WO)
+    assert use.steps == steps - 1
+    assert use.contacts == {}
+    assert use.effort < 1.0
+    # At rest the springs yield by nothing: inverse dynamics carries the weight.
+    moved = scene._arm.hand.X_WH(scene._scene.context) - station.palm_poses(home[None])[0]
+    assert np.abs(moved).max() < 1e-4
+
+
+@pytest.mark.parametrize("arm", ARM_NAMES)
+@pytest.mark.parametrize("hand", HAND_NAMES)
+def test_an_arm_in_mujoco_is_refused_before_the_start(arm: str, hand: str) -> None:
+    with pytest.raises(InvalidOptionError) as refused:
+        lis_grasp.run("box", hand, arm=arm, simulator="mujoco")
+    assert refused.value.option == "arm"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("prober", ["dynamic", "kinematic"])
+@pytest.mark.parametrize("obj", ["box", "cylinder"])
+@pytest.mark.parametrize("hand", HAND_NAMES)
+@pytest.mark.parametrize("arm", ARM_NAMES)
+def test_every_hand_on_every_arm_touches_and_lifts(
+    arm: str, hand: str, obj: str, prober: str, tmp_path: Path
+) -> None:
+    run = lis_grasp.run(obj, hand, arm=arm, prober=prober, touches=8, folder=tmp_path)
+    assert run.report is not None
+    assert len(run.contacts) >= 8
+    assert len(run.grasps)
+    assert run.report["lift"]["reason"] not in ("diverged", "arm_collision", "torque_limit")
+    if prober == "dynamic":
+        assert run.report["arm"]["touches"]["contacts"] == {}
