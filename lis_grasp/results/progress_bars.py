@@ -17,9 +17,7 @@ class Bars:
 
     Examples
     --------
-    .. code-block:: python
-
-        lis_grasp.run("box", "wsg50", progress=pipeline.Bars())
+    >>> bars = pipeline.Bars()  # run("box", progress=bars) shows them
     """
 
     def __init__(self) -> None:
