@@ -17,7 +17,6 @@ MOVED = {
     "lis_grasp.pipeline.contact_sources": "lis_grasp.stages.contact_sources",
     "lis_grasp.pipeline.dexgraspbench": "lis_grasp.exports.dexgraspbench",
     "lis_grasp.pipeline.exploring": "lis_grasp.results.exploring",
-    "lis_grasp.pipeline.file_stages": "lis_grasp.results.file_stages",
     "lis_grasp.pipeline.known": "lis_grasp.stages.agent",
     "lis_grasp.pipeline.labels": "lis_grasp.results.labels",
     "lis_grasp.pipeline.lifting_stage": "lis_grasp.stages.lift",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -86,8 +86,13 @@ def write_bag(
     *,
     with_tf: bool = False,
     joints: dict[str, FloatArray] | None = None,
+    others: Mapping[str, dict[str, FloatArray]] | None = None,
+    resolution: float = 1e-9,
 ) -> Path:
-    """Write the recording as ros1 (.bag), sqlite3 or mcap (a folder); see `rosbags`."""
+    """Write the recording as ros1 (.bag), sqlite3 or mcap (a folder); see `rosbags`.
+
+    `others` are joints of other publishers, by topic; stamps are cut to a `resolution` [s].
+    """
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore
 
@@ -101,7 +106,7 @@ def write_bag(
     with writer:
         connections: dict[str, Any] = {}
         for topic, stamp, message in sorted(
-            _messages(recording, store, ros1, with_tf, joints), key=_when
+            _messages(recording, store, ros1, with_tf, joints, others or {}, resolution), key=_when
         ):
             if topic not in connections:
                 connections[topic] = writer.add_connection(
@@ -122,6 +127,8 @@ def _messages(
     ros1: bool,
     with_tf: bool,
     joints: dict[str, FloatArray] | None,
+    others: Mapping[str, dict[str, FloatArray]],
+    resolution: float,
 ) -> Iterator[tuple[str, int, Any]]:
     types = store.types
 
@@ -139,7 +146,9 @@ def _messages(
         return "/tf_static", nanoseconds, make("tf2_msgs/msg/TFMessage", [each])
 
     def header(nanoseconds: int, frame: str) -> Any:
-        stamp = make("builtin_interfaces/msg/Time", *divmod(nanoseconds, 1_000_000_000))
+        step = round(1e9 * resolution)
+        cut = nanoseconds // step * step
+        stamp = make("builtin_interfaces/msg/Time", *divmod(cut, 1_000_000_000))
         return make("std_msgs/msg/Header", *((0,) if ros1 else ()), stamp, frame)
 
     if with_tf:  # published again, as after a restart
@@ -167,6 +176,11 @@ def _messages(
                 none = np.zeros(0)
                 state = header(now, ""), list(joints), positions, none, none
                 yield "/joint_states", now, make("sensor_msgs/msg/JointState", *state)
+                for topic, table in others.items():
+                    later = now + 1_000_000
+                    positions = np.array([values[i] for values in table.values()])
+                    state = header(later, ""), list(table), positions, none, none
+                    yield topic, later, make("sensor_msgs/msg/JointState", *state)
             else:
                 pose = make("geometry_msgs/msg/Pose", vector("Point", point), turn)
                 yield (

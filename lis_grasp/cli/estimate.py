@@ -10,7 +10,7 @@ import numpy as np
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, say
 from lis_grasp.evaluation.touch_coverage import touch_coverage, touch_radius
-from lis_grasp.results.file_stages import estimate_file, millimetres
+from lis_grasp.results.estimated_file import estimate_file, millimetres
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -11,7 +11,7 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, Stage, say
 from lis_grasp.exceptions import InvalidFileError, require_at_least
 from lis_grasp.exports.object_models import FORMATS, MARK, VISUAL, ObjectModel
-from lis_grasp.results.file_stages import load_mesh
+from lis_grasp.results.grasped_file import load_mesh
 from lis_grasp.shapes import default_mass
 from lis_grasp.shapes.solids import convex_parts
 from lis_grasp.task.recorded_facts import read_facts

@@ -14,7 +14,7 @@ from lis_grasp.exceptions import InvalidOptionError, require_packages
 from lis_grasp.exports.dexgraspbench import TabletopObject, save_for_dexgraspbench
 from lis_grasp.grasping.export import save_isaac_grasps, save_moveit_grasps
 from lis_grasp.io.atomic_writing import write_json
-from lis_grasp.results.file_stages import PLANNED_WITH, GraspedFile, grasp_file
+from lis_grasp.results.grasped_file import PLANNED_WITH, GraspedFile, grasp_file
 from lis_grasp.results.labels import label_file
 from lis_grasp.shapes import placed_as_recorded
 from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, say
-from lis_grasp.results.file_stages import lift_file
+from lis_grasp.results.lifted_file import lift_file
 from lis_grasp.results.summary import LIFT_REASONS
 
 _OPTIONS = ("arm", "base", "mass", "friction", "simulator")

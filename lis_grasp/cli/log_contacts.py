@@ -3,27 +3,48 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from itertools import zip_longest
 from pathlib import Path
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lis_grasp.cli.options import add_declared
 from lis_grasp.cli.progress import PRINTED, Stage, say
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidInputError, InvalidOptionError
-from lis_grasp.exploration.touch_detection import FORCES_ON, NORMAL_SOURCES, TouchDetection
+from lis_grasp.exploration.touch_detection import TOUCHES, TouchDetection
 from lis_grasp.geometry import make_pose
 from lis_grasp.io import provenance
+from lis_grasp.io.option import options_of
+from lis_grasp.logs.account import account_of
 from lis_grasp.logs.contacts import Finger, LogFrames, contacts_from_log
 from lis_grasp.logs.joint_frames import with_link_frames
 from lis_grasp.logs.patches import PatchDetection, TactilePatches, contacts_from_patches
 from lis_grasp.logs.readers import open_log
+from lis_grasp.logs.reading import PATCHES, TOPICS, LogReading
 from lis_grasp.results.folder import result_file
 from lis_grasp.robots.model_uri import resolve_uri
 from lis_grasp.typing import FloatArray
 
-_DEFAULTS, _PATCHES = TouchDetection(), PatchDetection()
+# The options, each with the record that declares it; "spacing" is of touches and of patches.
+_FIELDS = tuple(
+    (config, name)
+    for config in (LogReading, LogFrames, TouchDetection, PatchDetection)
+    for name in options_of(config)
+    if (config, name) not in ((PatchDetection, "spacing"), (LogFrames, "object_frame"))
+)
+_FLAGS = {
+    (TouchDetection, "threshold"): "force-threshold",
+    (PatchDetection, "threshold"): "indentation",
+}
+_PATCH_SPACING = (
+    f"{options_of(PatchDetection)['spacing'].help} (default: {PatchDetection().spacing:g})"
+)
+
+_Config = TypeVar("_Config")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,91 +58,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " .npz with heights, poses and pitch of tactile patches",
     )
     parser.add_argument("--list", action="store_true", help="list the topics and frames of LOG")
-    choices = parser.add_argument_group("topics; repeat the first three for several fingers")
+    groups = {title: parser.add_argument_group(title) for title in (TOPICS, TOUCHES, PATCHES)}
     for name, text in (
         ("force", "wrench or force of the fingertip (default: the only one)"),
         ("tip", "topic or transform frame of the tip's pose (default: the only topic of poses)"),
         ("finger", "name of the finger"),
     ):
-        choices.add_argument(f"--{name}", action="append", metavar="NAME", help=text)
-    choices.add_argument(
+        groups[TOPICS].add_argument(f"--{name}", action="append", metavar="NAME", help=text)
+    groups[TOPICS].add_argument(
         "--urdf",
         metavar="FILE",
         help="URDF, SDF or MJCF of the robot: its links are frames, by the log's joint states",
     )
-    choices.add_argument(
-        "--object-pose",
-        metavar="NAME",
-        help="topic or transform frame of the object's pose (default: it is fixed)",
-    )
-    choices.add_argument(
+    fixed = options_of(LogFrames)["object_frame"]
+    groups[TOPICS].add_argument(
         "--object-frame",
         type=float,
         nargs="+",
-        metavar="NUMBER",
-        help="fixed pose of the object, X Y Z [QX QY QZ QW], in the frame of the tip's poses"
-        " (default: that frame is the object's)",
+        metavar=fixed.metavar,
+        help=f"{fixed.help} (default: {fixed.words})",
     )
-    choices.add_argument(
-        "--tip-frame", default="", metavar="FRAME", help="frame of the tip's poses, if not in LOG"
-    )
-    touch = parser.add_argument_group("touches")
-    for name, metavar, default, text in (
-        ("tip-radius", "METRES", 0.0, "radius of the spherical tip"),
-        ("force-threshold", "NEWTONS", _DEFAULTS.threshold, "force at which a touch begins"),
-        ("release", "FRACTION", _DEFAULTS.release, "fraction of the threshold at which it ends"),
-        ("tare", "SECONDS", 0.0, "subtract the mean force of the first seconds"),
-        ("smoothing", "SECONDS", 0.0, "length of a moving mean of the forces"),
-    ):
-        touch.add_argument(
-            f"--{name}",
-            type=float,
-            default=default,
-            metavar=metavar,
-            help=f"{text} (default: {default:g})",
-        )
-    touch.add_argument(
-        "--tip-offset",
-        type=float,
-        nargs=3,
-        default=(0.0, 0.0, 0.0),
-        metavar=("X", "Y", "Z"),
-        help="centre of the tip in the frame of its pose [m] (default: 0 0 0)",
-    )
-    touch.add_argument(
-        "--spacing",
-        type=float,
-        metavar="METRES",
-        help="another contact whenever a touch has slid so far (default: one for each touch); of"
-        f" tactile patches, distance of contacts (default: {_PATCHES.spacing:g})",
-    )
-    touch.add_argument(
-        "--normals",
-        choices=NORMAL_SOURCES,
-        default=_DEFAULTS.normals,
-        help="estimated from all contacts with force or approach as evidence, or one of these alone"
-        f" (default: {_DEFAULTS.normals})",
-    )
-    touch.add_argument(
-        "--force-on",
-        choices=FORCES_ON,
-        help="on what the reported force acts (default: what agrees with the approach)",
-    )
-    patches = parser.add_argument_group("tactile patches (.npz)")
-    patches.add_argument(
-        "--indentation",
-        type=float,
-        default=_PATCHES.threshold,
-        metavar="METRES",
-        help=f"least indentation of a pixel that touches (default: {_PATCHES.threshold:g})",
-    )
-    patches.add_argument(
-        "--position-noise",
-        type=float,
-        metavar="METRES",
-        help="standard deviation of the heights and of the sensor's position (default: the scatter"
-        " of the heights)",
-    )
+    for config, name in _FIELDS:
+        group, flag = groups[options_of(config)[name].group], _FLAGS.get((config, name), "")
+        also = f"; of tactile patches, {_PATCH_SPACING}" if name == "spacing" else ""
+        add_declared(group, config, name, flag=flag, also=also)
     parser.add_argument(
         "--output",
         type=Path,
@@ -136,22 +96,9 @@ def execute(options: argparse.Namespace) -> None:
     if options.log.suffix.lower() == ".npz":
         _write(options, _of_patches(options))
         return
-    detection = TouchDetection(
-        threshold=options.force_threshold,
-        release=options.release,
-        tip_radius=options.tip_radius,
-        spacing=options.spacing,
-        normals=options.normals,
-        force_on=options.force_on,
-    )
-    frames = LogFrames(
-        object_pose=options.object_pose,
-        object_frame=_pose(options.object_frame),
-        tip_frame=options.tip_frame.lstrip("/"),
-        tip_offset=tuple(options.tip_offset),
-        tare=options.tare,
-        smoothing=options.smoothing,
-    )
+    frames = _given(options, LogFrames, object_frame=_pose(options.object_frame))
+    detection = _given(options, TouchDetection)
+    reading = _given(options, LogReading)
     fingers = [
         Finger(force, tip, name or "")
         for force, tip, name in zip_longest(
@@ -159,9 +106,9 @@ def execute(options: argparse.Namespace) -> None:
         )
     ]
     with Stage(f"Reading {options.log}") as stage:
-        log = open_log(options.log, posed=options.urdf is None)
+        log = open_log(options.log, posed=options.urdf is None, reading=reading)
         if options.urdf is not None:
-            log = with_link_frames(log, resolve_uri(options.urdf, Path(), "--urdf"))
+            log = with_link_frames(log, resolve_uri(options.urdf, Path(), "--urdf"), reading)
         stage.result = f"{len(log.topics)} topics"
     if options.list:
         for topic in log.topics:
@@ -172,7 +119,9 @@ def execute(options: argparse.Namespace) -> None:
         contacts, touches = contacts_from_log(log, fingers, frames, detection)
         lost = sum(t.unposed for t in touches)
         stage.result = f"{len(contacts)} contacts" + (f", {lost} without a pose" if lost else "")
-    _write(options, contacts)
+    account = account_of(log, [stream for touch in touches for stream in touch.streams])
+    say(str(account))
+    _write(options, contacts, used=account.used, unused=account.unused)
 
 
 def _of_patches(options: argparse.Namespace) -> Contacts:
@@ -181,8 +130,7 @@ def _of_patches(options: argparse.Namespace) -> Contacts:
             flag = f"--{name.replace('_', '-')}"
             message = f"{flag} is for robots' logs; {options.log} has tactile patches: leave it out"
             raise InvalidOptionError(message, option=name)
-    spacing = _PATCHES.spacing if options.spacing is None else options.spacing
-    detection = PatchDetection(options.indentation, spacing, options.position_noise)
+    detection = _given(options, PatchDetection)
     with Stage(f"Reading {options.log}") as stage:
         patches = TactilePatches.load(options.log)
         count, rows, columns = patches.heights.shape
@@ -196,9 +144,18 @@ def _of_patches(options: argparse.Namespace) -> Contacts:
     return contacts if X_FO is None else contacts.in_frame(X_FO)
 
 
-def _write(options: argparse.Namespace, contacts: Contacts) -> None:
+def _given(options: argparse.Namespace, config: Callable[..., _Config], **values: Any) -> _Config:
+    """Return a record of the options that are given."""
+    for name in options_of(config):
+        flag = _FLAGS.get((cast("type", config), name), name).replace("-", "_")
+        if (value := getattr(options, flag)) is not None:
+            values.setdefault(name, value)
+    return config(**values)
+
+
+def _write(options: argparse.Namespace, contacts: Contacts, **account: Any) -> None:
     path = _output(options)
-    header = provenance.describe(source=options.log.name)
+    header = provenance.describe(source=options.log.name, **account)
     if path.suffix.lower() == ".ply":
         with result_file(path, PRINTED) as temporary:
             contacts.save(temporary, header=header)

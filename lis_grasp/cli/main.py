@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from lis_grasp.cli.examples import EXAMPLES, format_examples
 from lis_grasp.cli.importing import import_uncollected, interrupts_after_imports
-from lis_grasp.cli.progress import complain, open_missing_streams, say
+from lis_grasp.cli.progress import complain, open_streams, say
 from lis_grasp.exceptions import (
     InvalidInputError,
     InvalidOptionError,
@@ -152,7 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    open_missing_streams()
+    open_streams()
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     verb = next((word for word in arguments if not word.startswith("-")), "")
     try:

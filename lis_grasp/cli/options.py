@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 from lis_grasp.cli.progress import say, with_flags
 from lis_grasp.exceptions import InvalidOptionError, shown
-from lis_grasp.io.option import Option
+from lis_grasp.io.option import Option, kind_of, options_of
 from lis_grasp.shapes import UNITS
 from lis_grasp.stages.contact_sources import ContactSource
 from lis_grasp.surfaces.contact_checks import NormalSide
@@ -62,7 +62,23 @@ def _add(
     default = _default(name, recorded) if show_default else ""
     text = _text(_OPTIONS[name]) + (f" (default: {default})" if default else "")
     flag = f"--{name.replace('_', '-')}"
-    group.add_argument(flag, default=None, help=text, **_kind(name))
+    kind = _kind(_OPTIONS[name], option_kind(name), option_default(name))
+    group.add_argument(flag, default=None, help=text, **kind)
+
+
+def add_declared(
+    group: argparse._ActionsContainer, config: type, name: str, *, flag: str = "", also: str = ""
+) -> None:
+    """Add the option of a field of any configuration; an omitted one parses as None.
+
+    `flag` is its name where it is not the field's, and `also` ends its help.
+    """
+    option, default = options_of(config)[name], getattr(config(), name)
+    shown = f"{default:g}" if isinstance(default, float) else str(default or "")
+    words = option.words or shown
+    text = with_flags(option.help) + (f" (default: {words})" if words else "") + also
+    kind = _kind(option, kind_of(config, name), default)
+    group.add_argument(f"--{flag or name.replace('_', '-')}", default=None, help=text, **kind)
 
 
 def _default(name: str, recorded: bool) -> str:
@@ -85,17 +101,17 @@ def _text(option: Option) -> str:
     return f"{text}: {', '.join([*own, *added, 'or my.module:Class'])}"
 
 
-def _kind(name: str) -> dict[str, Any]:
+def _kind(option: Option, kind: type, default: Any) -> dict[str, Any]:
     """Return the arguments of the parser that say which values an option has."""
-    option, default = _OPTIONS[name], option_default(name)
     if option.choices:
         return {"choices": option.choices}
-    kind = option_kind(name)
     if kind is bool:
-        is_on = default and name != "free"  # which --clamped switches off
+        is_on = default and option is not _OPTIONS["free"]  # which --clamped switches off
         return {"action": argparse.BooleanOptionalAction if is_on else "store_true"}
     if isinstance(option.metavar, tuple):
         return {"type": float, "nargs": len(option.metavar), "metavar": option.metavar}
+    if kind is tuple:
+        return {"nargs": "+", "metavar": option.metavar}
     return {"metavar": option.metavar} | ({} if kind is str else {"type": kind})
 
 

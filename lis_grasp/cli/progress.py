@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import logging
 import os
 import re
@@ -176,10 +177,11 @@ def complain(text: str, end: str = "\n") -> None:
         print(with_flags(text), end=end, file=sys.stderr, flush=True)
 
 
-def open_missing_streams() -> None:
-    """Open the null device in place of closed standard streams.
+def open_streams() -> None:
+    """Open the null device in place of closed standard streams, and let all letters be printed.
 
-    Otherwise the next file gets the number of a closed stream, and with it what libraries print.
+    Otherwise the next file gets the number of a closed stream, and with it what libraries print. A
+    letter that the encoding of an output lacks is replaced, as in an ASCII locale.
     """
     for number in range(3):
         try:
@@ -189,3 +191,5 @@ def open_missing_streams() -> None:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+        if isinstance(stream := getattr(sys, name), io.TextIOWrapper):
+            stream.reconfigure(errors="replace")

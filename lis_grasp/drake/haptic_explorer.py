@@ -19,6 +19,7 @@ from lis_grasp.drake._ports import declare_output, read_port
 from lis_grasp.drake.surface_estimator import Estimate
 from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.exploration import (
+    GENTLE_SPEED,
     Exploration,
     ExplorationState,
     ExplorationStrategy,
@@ -35,7 +36,6 @@ from lis_grasp.exploration import (
     begin,
     choose,
 )
-from lis_grasp.exploration.probe_motions import GENTLE_SPEED
 from lis_grasp.geometry import inverse_pose
 from lis_grasp.probing.guarded_motion import AT_TABLE
 from lis_grasp.probing.probe_planner import ProbePlanner

@@ -15,6 +15,7 @@ from lis_grasp.exploration.probe import (
     ProbeStatus,
     SimulatedProber,
 )
+from lis_grasp.exploration.probe_motions import GENTLE_SPEED
 from lis_grasp.exploration.region import DEFAULT_REGION, Region
 from lis_grasp.exploration.states import Exploration, ExplorationState, NextProbe
 from lis_grasp.exploration.stopping import (
@@ -32,6 +33,7 @@ from lis_grasp.exploration.workspace import STEP_FRACTION, ObstacleModel, Worksp
 
 __all__ = [
     "DEFAULT_REGION",
+    "GENTLE_SPEED",
     "POLICIES",
     "STEP_FRACTION",
     "Exploration",

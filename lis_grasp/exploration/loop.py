@@ -68,7 +68,7 @@ def explore_steps(
     """
     if perception.tracker is not None and not isinstance(prober, MovingProber):
         raise InvalidOptionError(
-            "an object is tracked with a prober that has `move_frame`; this one has none",
+            "an object is tracked with a prober that has 'move_frame'; this one has none",
             option="tracker",
         )
     state = begin(perception, strategy) if start is None else start

@@ -21,8 +21,7 @@ from lis_grasp.exploration.strategy import ExplorationStrategy
 from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.geometry import inverse_pose
 from lis_grasp.records import short_repr
-from lis_grasp.surfaces import ImplicitSurface
-from lis_grasp.surfaces.implicit_surface import DeferredSurface
+from lis_grasp.surfaces import DeferredSurface, ImplicitSurface
 from lis_grasp.typing import FloatArray, IndexArray
 from lis_grasp.underflow import underflows
 

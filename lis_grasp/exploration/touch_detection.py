@@ -9,7 +9,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError, require_at_least, require_positive
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.io.option import (
+    FRACTION,
+    POSITIVE,
+    at_least,
+    option,
+    record_of_options,
+)
 from lis_grasp.surfaces import estimate_normals
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -17,11 +24,13 @@ NormalSource = Literal["estimate", "force", "approach"]
 NORMAL_SOURCES: tuple[str, ...] = get_args(NormalSource)
 ForceOn = Literal["tip", "object"]
 FORCES_ON: tuple[str, ...] = get_args(ForceOn)
+TOUCHES = "touches"
+"""Group of the options in the help."""
 
 # Standard deviations of each component of a normal [rad]: of the inward direction of a force in a
 # friction cone with coefficient 0.5, and of an approach with the cosine law (a mean square sine of
 # a half in two components).
-_FORCE_NOISE, APPROACH_NOISE = 0.25, 0.5
+FORCE_NOISE, APPROACH_NOISE = 0.25, 0.5
 
 # The approach is the motion over the last of these lengths before contact [m], or a fifth of it at
 # least.
@@ -30,47 +39,44 @@ _APPROACH = 0.005
 _FREE_STEP, _FREE_FROM, _FREE_TO = 0.005, 0.005, 0.05
 
 
-@dataclass(frozen=True, slots=True)
+@record_of_options
 class TouchDetection:
-    """When a fingertip touches, and where the surface is then.
+    """When a fingertip touches, and where the surface is then."""
 
-    Parameters
-    ----------
-    threshold
-        Force [N] at which a touch begins.
-    release
-        Fraction of the threshold below which it ends (hysteresis).
-    tip_radius
-        Radius of the spherical tip [m]; 0 if the tip's origin is on the surface.
-    spacing
-        A touch that slides gives another contact after this distance [m] on the object; None gives
-        one contact for each touch.
-    normals
-        "estimate" from all contacts, with the force's direction or the approach as evidence
-        (`estimate_normals`); "force" or "approach" takes that direction itself.
-    force_on
-        On what the reported force acts: "tip" (it points out of the object) or "object". None takes
-        what agrees with the directions of approach.
-    """
-
-    threshold: float = 1.0
-    release: float = 0.5
-    tip_radius: float = 0.0
-    spacing: float | None = None
-    normals: NormalSource = "estimate"
-    force_on: ForceOn | None = None
-
-    def __post_init__(self) -> None:
-        require_positive(threshold=self.threshold, release=self.release)
-        require_at_least(0.0, tip_radius=self.tip_radius)
-        if self.release > 1.0:
-            raise InvalidOptionError.out_of_range("release", self.release, "at most 1")
-        if self.spacing is not None:
-            require_positive(spacing=self.spacing)
-        if self.normals not in NORMAL_SOURCES:
-            raise InvalidOptionError.not_one_of("normals", self.normals, NORMAL_SOURCES)
-        if self.force_on is not None and self.force_on not in FORCES_ON:
-            raise InvalidOptionError.not_one_of("force_on", self.force_on, FORCES_ON)
+    threshold: float = option(
+        1.0, "force at which a touch begins", TOUCHES, metavar="NEWTONS", check=POSITIVE
+    )
+    release: float = option(
+        0.5,
+        "fraction of the threshold at which it ends",
+        TOUCHES,
+        metavar="FRACTION",
+        check=FRACTION,
+    )
+    tip_radius: float = option(
+        0.0, "radius of the spherical tip", TOUCHES, metavar="METRES", check=at_least(0)
+    )
+    spacing: float | None = option(
+        None,
+        "another contact whenever a touch has slid so far",
+        TOUCHES,
+        metavar="METRES",
+        words="one for each touch",
+        check=POSITIVE,
+    )
+    normals: NormalSource = option(
+        "estimate",
+        "estimated from all contacts with force or approach as evidence, or one of these alone",
+        TOUCHES,
+        choices=NORMAL_SOURCES,
+    )
+    force_on: ForceOn | None = option(
+        None,
+        "on what the reported force acts",
+        TOUCHES,
+        choices=FORCES_ON,
+        words="what agrees with the approach",
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,6 +91,7 @@ class Touches:
     directions: FloatArray  # (N, 3) unit, of the measured force; 0 where unknown
     free: FloatArray  # (K, 3) [m], centres of the tip without contact
     unposed: int  # touches whose pose is unknown
+    streams: tuple[tuple[str, str, str], ...] = ()  # role, topic or frame, what it was taken for
 
 
 def detect_touches(
@@ -182,7 +189,7 @@ def contacts_of_touches(fingers: list[Touches], detection: TouchDetection) -> Co
         contacts = estimate_normals(
             joined["centers"],
             approach=-outward if has_force.any() else joined["approach"],
-            approach_noise=_FORCE_NOISE if has_force.any() else None,
+            approach_noise=FORCE_NOISE if has_force.any() else None,
             free_points=free,
             free_radii=np.full(len(free), radius),
             fingertip_radius=radius,
@@ -191,7 +198,7 @@ def contacts_of_touches(fingers: list[Touches], detection: TouchDetection) -> Co
     else:
         normals = outward if detection.normals == "force" else -joined["approach"]
         kept = np.any(normals, axis=1)
-        noise = _FORCE_NOISE if detection.normals == "force" else APPROACH_NOISE
+        noise = FORCE_NOISE if detection.normals == "force" else APPROACH_NOISE
         contacts = Contacts(
             joined["centers"] - radius * normals,
             np.where(kept[:, None], normals, [0.0, 0.0, 1.0]),

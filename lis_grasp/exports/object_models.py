@@ -159,12 +159,14 @@ def _mjcf(model: ObjectModel) -> ElementTree.Element:
         mass=_numbers(model.mass),
         fullinertia=" ".join(moments[k] for k in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")),
     )
-    _child(assets, "mesh", name="visual", file=VISUAL)
+    # Names of meshes are of the whole scene, into which several objects may be included.
+    drawing = f"{model.name}_visual"
+    _child(assets, "mesh", name=drawing, file=VISUAL)
     drawn = {"type": "mesh", "contype": "0", "conaffinity": "0", "group": "2"}
-    _child(body, "geom", mesh="visual", **drawn)
+    _child(body, "geom", mesh=drawing, **drawn)
     friction = _numbers(model.friction, _TORSION, _ROLLING)
     for file in _files(model):
-        name = Path(file).stem
+        name = f"{model.name}_{Path(file).stem}"
         _child(assets, "mesh", name=name, file=file)
         _child(body, "geom", type="mesh", mesh=name, group="3", friction=friction)
     return mujoco

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import zipfile
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from xml.etree.ElementTree import Element, tostring
@@ -14,6 +15,7 @@ from defusedxml import DefusedXmlException, ElementTree
 
 from lis_grasp.geometry import apply_pose, make_pose
 from lis_grasp.io._mesh_text import triangulate
+from lis_grasp.io._slicer_parts import SlicerParts, left_out
 from lis_grasp.io.limits import MOST_UNPACKED, ReadError, reason_of, require_small_archive
 from lis_grasp.typing import FloatArray, IntArray
 
@@ -32,11 +34,21 @@ _START = 10_000  # bytes in which a model names its extensions
 _Meshes = list[tuple[FloatArray, IntArray]]
 
 
-def read_3mf(path: Path) -> tuple[FloatArray, IntArray, float]:
-    """Return the vertices and triangles of all items of a 3MF file, placed, and its unit [m].
+@dataclass(frozen=True, slots=True, eq=False)
+class Archived:
+    """What a 3MF file has: its model, and what beside it is no part of the model."""
 
-    Raises `ValueError` if it needs an extension beyond materials and production, has no items, or a
-    component is inside of itself.
+    vertices: FloatArray  # (V, 3), in its unit
+    faces: IntArray  # (F, 3)
+    metres: float  # length of its unit [m]
+    left_out: tuple[str, ...]  # in words
+
+
+def read_3mf(path: Path) -> Archived:
+    """Return all items of a 3MF file that are printed, placed, without a slicer's helpers.
+
+    Raises `ValueError` if it needs an extension beyond materials and production, has no items, a
+    component is inside of itself, or a part is to be subtracted.
     """
     with path.open("rb") as file, zipfile.ZipFile(file) as archive:
         require_small_archive(archive.infolist())
@@ -46,37 +58,54 @@ def read_3mf(path: Path) -> tuple[FloatArray, IntArray, float]:
         start = next(r.attrib["Target"] for r in links if r.get("Type", "").endswith("/3dmodel"))
 
         @cache
-        def model(name: str) -> tuple[Element, dict[str, tuple[_Meshes, list[Element]]]]:
+        def model(name: str) -> tuple[Element, dict[str, Element]]:
             text = archive.read(name.lstrip("/"))
             root = _parsed(text)
             _require_read(root, text[:_START])
-            objects = [each for each in root.iter() if _is(each, "object")]
-            parts = {each.get("id", ""): (_meshes(each), _components(each)) for each in objects}
-            return root, parts
+            return root, {e.get("id", ""): e for e in root.iter() if _is(e, "object")}
+
+        @cache
+        def meshes_of(name: str, number: str) -> _Meshes:
+            return _meshes(model(name)[1][number])
 
         root, _ = model(start)
+        slicer = SlicerParts(archive, _parsed)
         placed: _Meshes = []
+        others: list[str] = []
         size = 0
-        uses = [(start, item, np.eye(4)) for item in root.iter() if _is(item, "item")]
+        uses = [(start, "", item, np.eye(4)) for item in root.iter() if _is(item, "item")]
         if not uses:
             raise ReadError("it has no items to build")
-        for part, use, X in uses:  # components are added as they are found
+        for part, owner, use, X in uses:  # components are added as they are found
             part = next((v for k, v in use.attrib.items() if k.endswith("}path")), part)
             X = X @ _transform(use.get("transform"))
             if (number := use.get("objectid", "")) not in model(part)[1]:
                 raise ReadError(f"an item is of the object {number}, which it lacks")
-            meshes, components = model(part)[1][number]
-            placed += [(apply_pose(X, vertices), faces) for vertices, faces in meshes]
-            uses += [(part, component, X) for component in components]
-            size += sum(vertices.nbytes + faces.nbytes for vertices, faces in meshes)
+            element = model(part)[1][number]
+            kind = slicer.kind(owner, number, element)
+            if use.get("printable") == "0":
+                kind = "not to be printed"
+            if kind:
+                others.append(kind)
+                continue
+            meshes = meshes_of(part, number)
+            for vertices, corners in meshes:
+                printed, kinds = slicer.printed(number, len(corners))
+                others += kinds
+                placed.append((apply_pose(X, vertices), corners[printed]))
+            uses += [(part, number, component, X) for component in _components(element)]
+            size += sum(vertices.nbytes + corners.nbytes for vertices, corners in meshes)
             if len(uses) > _MOST_USES or size > MOST_UNPACKED:
                 raise ReadError(f"it has components inside of themselves, or over {_MOST_USES}")
+    if not placed and others:
+        raise ReadError(f"all that it has is no matter: {others[0]}", "mark the object as printed")
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in placed)])
     faces = [f + start for (_, f), start in zip(placed, starts[:-1], strict=True)]
     unit = root.get("unit", "millimeter")
     if unit not in _UNITS_3MF:
         raise ReadError(f"it states the unit {unit}, which 3MF does not have")
-    return np.concatenate([v for v, _ in placed]), np.concatenate(faces), _UNITS_3MF[unit]
+    joined = np.concatenate([v for v, _ in placed])
+    return Archived(joined, np.concatenate(faces), _UNITS_3MF[unit], left_out(others))
 
 
 def _parsed(text: bytes) -> Element:

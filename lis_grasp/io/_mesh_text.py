@@ -212,7 +212,7 @@ def read_stl(path: Path) -> Triangles:
     if not is_exact and (b"\0" not in content or _STL_FACET.search(content[:_STL_NAMED])):
         corners, is_ended = _corners_in_text(content)
         if not is_ended:
-            note(f"{path} ends without `endsolid`: if a download stopped, repeat it")
+            note(f"{path} ends without 'endsolid': if a download stopped, repeat it")
     elif len(content) < _STL_START:
         raise ReadError(f"it has {len(content)} bytes, fewer than the start of a binary STL")
     elif count > held or (count == 0 and held > 0):

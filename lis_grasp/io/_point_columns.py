@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidFileError, named_rows, note
-from lis_grasp.io.csv_tables import SECONDS, without_unit
+from lis_grasp.io.csv_tables import ANGLES, NEWTONS, SECONDS, factor_of, without_unit
+from lis_grasp.io.units import UNITS
 
 POINT = ("x", "y", "z")
 NORMAL = ("nx", "ny", "nz")
@@ -20,6 +21,7 @@ NOISE = ("position_noise", "normal_noise")
 _MEASURED: Mapping[str, str] = {"forces": "force", "times": "time"}
 _LENGTHS = (*POINT, "radius", "position_noise")
 _KNOWN = {*_LENGTHS, *NORMAL, *DIRECTIONS["approach"], *NOISE, "force", "time", "finger", "kind"}
+_FACTORS = {"time": SECONDS, "force": NEWTONS, "normal_noise": ANGLES}
 _UNITS = {"in": "inch", "metre": "m", "meter": "m", "millimetre": "mm", "millimeter": "mm"}
 # x, pos_x, pose.position.x; nx, n_x, normal_x (PCL), normals:0 (ParaView); ax, approach_x
 _AXIS = re.compile(
@@ -32,15 +34,11 @@ _OTHER = re.compile(r"|index|unnamed.*|(diffuse_|ambient_|specular_)?(red|green|
 
 
 class Column(NamedTuple):
-    """A column of a file: its name there, and its unit if the name states one."""
+    """A column of a file: its name there, its unit if the name states one, and its factor."""
 
     name: str
     unit: str = ""
-
-    @property
-    def factor(self) -> float:
-        """Factor to seconds, 1 for lengths."""
-        return SECONDS.get(self.unit, 1.0)
+    factor: float = 1.0  #: to seconds, newtons or radians; 1 for lengths, which are of one unit
 
 
 def known_columns(path: Path, names: Iterable[str]) -> dict[str, Column]:
@@ -52,7 +50,6 @@ def known_columns(path: Path, names: Iterable[str]) -> dict[str, Column]:
     unused = []
     for name in names:
         text, unit = without_unit(name)
-        column = Column(name, unit)
         text = text.removeprefix("scalar_")  # CloudCompare, of properties that it does not know
         if axis := _AXIS.fullmatch(text):
             letter = "xyz"[int(axis["axis"])] if axis["axis"].isdecimal() else axis["axis"]
@@ -64,7 +61,10 @@ def known_columns(path: Path, names: Iterable[str]) -> dict[str, Column]:
             message = f"{path} has two columns for {text}: {found[text].name} and {name}: keep one"
             raise InvalidFileError(message, path=path)
         else:
-            found[text] = column
+            units = _FACTORS.get(text, {})
+            of_length = text in _LENGTHS and {unit, _UNITS.get(unit)} & UNITS.keys()
+            factor = 1.0 if of_length else factor_of(path, name, unit, units or UNITS)
+            found[text] = Column(name, unit, factor)
     if not {*POINT} & found.keys():
         raise InvalidFileError(
             f"{path} must have columns x,y,z, and nx,ny,nz of normals; it has"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,8 +20,16 @@ _COMMENT = re.compile(r"\s*(#|//)")
 SECONDS: Mapping[str, float] = MappingProxyType({"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9})
 """Units of time that names of columns state, in seconds."""
 
+ANGLES: Mapping[str, float] = MappingProxyType({"rad": 1.0, "deg": math.pi / 180.0})
+"""Units of angles that names of columns state, in radians."""
+
+NEWTONS: Mapping[str, float] = MappingProxyType(
+    {"n": 1.0, "mn": 1e-3, "kn": 1e3, "gf": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216152605}
+)
+"""Units of force that names of columns state, in small letters, in newtons."""
+
 # x [mm], x (mm), time_ns
-_UNIT = re.compile(r"(.+?)(?:\s*[\[(]\s*([a-z]+)\s*[\])]|_(mm|cm|inch|ms|us|ns))")
+_UNIT = re.compile(r"(.+?)(?:\s*[\[(]\s*([a-z]+)\s*[\])]|_(m|mm|cm|inch|s|ms|us|ns|n|rad|deg))")
 _DATE = re.compile(r"\d[-./]\d\d[-./]\d|\d:\d\d")
 DECIMAL_COMMA = re.compile(r"[-+]?[\d.]*,\d+(e[-+]?\d+)?", re.IGNORECASE)
 """A number with a decimal comma."""
@@ -31,6 +40,20 @@ def without_unit(name: str) -> tuple[str, str]:
     text = name.strip(" \t\"'#/").lower()
     found = _UNIT.fullmatch(text)
     return (found[1], found[2] or found[3]) if found else (text, "")
+
+
+def factor_of(path: Path, title: str, unit: str, units: Mapping[str, float]) -> float:
+    """Return what a column's unit is in SI units, 1 if it states none.
+
+    Raises `InvalidFileError` if it is none of `units`.
+    """
+    if unit and unit not in units:
+        raise InvalidFileError(
+            f"the unit of the column {title} of {path} must be one of {', '.join(units)}; it is"
+            f" {unit}: convert the column",
+            path=path,
+        )
+    return units.get(unit, 1.0)
 
 
 def column_numbers(path: Path, rows: list[list[str]], column: int, name: str) -> FloatArray:

@@ -58,11 +58,14 @@ class MeshFile:
         Length of the unit that the file or its format states [m]; None if it does not.
     up
         Axis that the file or its format states to point up, "x", "y" or "z"; None if it does not.
+    left_out
+        What the file has beside the object, in words.
     """
 
     mesh: trimesh.Trimesh
     metres: float | None = None
     up: str | None = None
+    left_out: tuple[str, ...] = ()
 
 
 def read_mesh(
@@ -124,8 +127,9 @@ def _read(path: Path, ending: str, merge: bool, materials: bool) -> MeshFile:
             vertices, polygons = read_off(path)
             return MeshFile(_mesh(vertices, as_triangles(vertices, polygons), merge))
         case ".3mf":
-            vertices, faces, metres = read_3mf(path)
-            return MeshFile(_mesh(vertices, faces, merge), metres, "z")
+            read = read_3mf(path)
+            mesh = _mesh(read.vertices, read.faces, merge)
+            return MeshFile(mesh, read.metres, "z", read.left_out)
         case ".ply":
             return MeshFile(_read_ply(path, merge, materials))
         case ".obj":

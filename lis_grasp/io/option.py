@@ -85,6 +85,8 @@ def record_of_options(cls: type[_T]) -> type[_T]:
             name = error["loc"][0] if error["loc"] else ""
             if name not in declared:  # Python's own words for a wrong call
                 raise TypeError(f"{cls.__name__}: {error['msg']}: {name}") from None
+            if choices := declared[name].choices:
+                raise InvalidOptionError.not_one_of(name, error["input"], choices) from None
             raise _wrong(str(name), error["input"], kind_of(made, str(name))) from None
         for name, option in declared.items():
             if (value := getattr(self, name)) is not None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from lis_grasp.io.atomic_writing import write_text
+from lis_grasp.io.yaml_files import word
 from lis_grasp.typing import FloatArray
 
 _DIGITS = 6  # behind the point: 1 um, 1 urad
@@ -25,10 +28,12 @@ def write_trajectory_csv(
     Its columns are ``time`` [s], the position of each joint by its name [rad or m], and its
     velocity as ``<name>_velocity``. Shapes: times (T,), positions and velocities (T, J).
     """
-    header = ",".join(["time", *joint_names, *(f"{name}_velocity" for name in joint_names)])
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["time", *joint_names, *(f"{name}_velocity" for name in joint_names)])
     rows = np.column_stack([times, positions, velocities])
-    lines = [",".join(_text(value) for value in row) for row in rows]
-    write_text(path, "\n".join([header, *lines]) + "\n")
+    table.writerows([_text(value) for value in row] for row in rows)
+    write_text(path, text.getvalue())
 
 
 def write_joint_trajectory(
@@ -48,7 +53,7 @@ def write_joint_trajectory(
         "  stamp: {sec: 0, nanosec: 0}",
         "  frame_id: ''",
         "joint_names:",
-        *(f"- {name}" for name in joint_names),
+        *(f"- {word(name)}" for name in joint_names),
         "points:",
     ]
     for time, *state in zip(times, positions, velocities, accelerations, strict=True):

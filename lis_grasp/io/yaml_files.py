@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -73,10 +74,17 @@ def read_yaml(path: Path) -> Any:
             raise ReadError("a value does not fit its tag") from None
 
 
+def word(text: str) -> str:
+    """Return a YAML scalar: as it is if YAML reads a plain word as text, else quoted."""
+    return text if is_plain_text(text) else json.dumps(text, ensure_ascii=False)
+
+
 def is_plain_text(text: str) -> bool:
-    """Return whether YAML reads `text`, written without quotes, as this text."""
+    """Return whether YAML reads `text`, without quotes, as this text in a list of either style."""
     try:
-        return bool(text) and yaml.safe_load(f"[{text}]") == [text]
+        return bool(text) and all(
+            yaml.safe_load(form) == [text] for form in (f"[{text}]", f"- {text}")
+        )
     # Not an error of the caller: text that YAML cannot read, for whatever reason, needs quotes.
     except (*_MISFITS, RecursionError, ValueError, yaml.YAMLError):
         return False

@@ -1,12 +1,10 @@
-"""Streams of a robot's log: series of poses, forces and joint positions; those of CSV tables."""
+"""Streams of a robot's log: series of poses, forces and joint positions, and transforms."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass
-from itertools import chain, pairwise
-from pathlib import Path
+from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Literal
 
 import networkx as nx
@@ -14,10 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from lis_grasp.contacts import FARTHEST
-from lis_grasp.exceptions import InvalidFileError, InvalidInputError, note
+from lis_grasp.exceptions import InvalidInputError, note
 from lis_grasp.geometry import inverse_pose, make_pose, unit
-from lis_grasp.io.csv_tables import SECONDS, column_numbers, read_table, without_unit
-from lis_grasp.io.units import UNITS
 from lis_grasp.typing import FloatArray
 
 Content = Literal["force", "pose", "transforms", "joints", "other"]
@@ -26,18 +22,6 @@ Content = Literal["force", "pose", "transforms", "joints", "other"]
 # A pose between two samples farther apart than this is unknown [s].
 LONGEST_GAP = 0.25
 _UNIT_TOLERANCE = 0.1
-
-_FORCES = (("fx", "fy", "fz"), ("force",))
-_POSES = {
-    "tip": (("x", "y", "z"), ("qx", "qy", "qz", "qw")),
-    "object": (("ox", "oy", "oz"), ("oqx", "oqy", "oqz", "oqw")),
-}
-_COLUMNS = {"time", *chain.from_iterable((*_FORCES, *chain.from_iterable(_POSES.values())))}
-# Columns of a bag as PlotJuggler and others write them: /ft/wrench/force/x, pose.position.x.
-_OF_BAG = re.compile(r"(?:.*[./])?(force|position|orientation)[./_]([xyzw])")
-_OF_BAG_NAMES = {"force": "f", "position": "", "orientation": "q"}
-_OTHERS = {"velocity", "effort"}  # of joints
-_LEAST_STEP = 1e-4  # [s], of a log in the right unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,33 +134,49 @@ class TimedPoses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameTree:
-    """Transforms between named frames, by (parent, child)."""
+    """Transforms between named frames, by (parent, child).
+
+    Attributes
+    ----------
+    transforms
+        Poses of the child in the parent.
+    unknown
+        Why a transform that a pose needs is not there, in words.
+    sources
+        Topics or columns that they are from.
+    """
 
     transforms: Mapping[tuple[str, str], TimedPoses]
+    unknown: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    sources: tuple[str, ...] = ()
 
     @property
     def frames(self) -> list[str]:
         """Names of all frames, sorted."""
-        return sorted({name for pair in self.transforms for name in pair})
+        return sorted({name for pair in (*self.transforms, *self.unknown) for name in pair})
 
     def pose(self, base: str, frame: str, times: FloatArray) -> FloatArray:
         """Return poses of a frame in a base frame at times (N,), shape (N, 4, 4); NaN if unknown.
 
-        Raises `InvalidInputError` if no chain of transforms connects the two frames.
+        Raises `InvalidInputError` if no chain of transforms connects the two frames, or one of them
+        is unknown.
         """
         poses = np.tile(np.eye(4), (len(times), 1, 1))
         if base == frame:
             return poses
         graph = nx.Graph()
-        graph.add_edges_from(self.transforms)
+        graph.add_edges_from((*self.transforms, *self.unknown))
         if base not in graph or frame not in graph or not nx.has_path(graph, base, frame):
             names = ", ".join(self.frames) or "none"
             raise InvalidInputError(
                 f"no chain of transforms connects the frames '{base}' and '{frame}'; the log has"
                 f" transforms of {names}"
             )
-        path = nx.shortest_path(graph, base, frame)
-        for before, after in pairwise(path):
+        path = list(pairwise(nx.shortest_path(graph, base, frame)))
+        for reason in (self.unknown.get(pair) for step in path for pair in (step, step[::-1])):
+            if reason:
+                raise InvalidInputError(reason)
+        for before, after in path:
             forward = self.transforms.get((before, after))
             if forward is not None:
                 step = forward.at(times)
@@ -186,98 +186,18 @@ class FrameTree:
         return poses
 
 
-class CsvLog:
-    """Forces and poses of a CSV table: the topics `force`, `tip` and, if it is there, `object`."""
+@dataclass(frozen=True, slots=True, eq=False)
+class JointSeries:
+    """Positions of a joint over time from one source.
 
-    def __init__(self, path: Path, *, posed: bool = True) -> None:
-        """Read a table, with the tip if `posed`; `InvalidFileError` if it lacks columns, or more.
+    Attributes
+    ----------
+    source
+        Topic, or column of a table.
+    times, positions
+        Shapes (T,) [s] and (T,) [rad or m]; not sorted.
+    """
 
-        Columns are those of bags too, as ``wrench.force.x``, and may state units, as ``time_ms``.
-        """
-        self._path, self._columns = path, _known_columns(path)
-        present = set(self._columns)
-        self._force = next((names for names in _FORCES if present >= set(names)), ())
-        if "time" not in present or not self._force or (posed and not present >= set("xyz")):
-            raise InvalidFileError(
-                f"a log as CSV needs the columns time, fx,fy,fz or force, and x,y,z of the tip;"
-                f" {path} has {', '.join(read_table(path)[0])}",
-                path=path,
-            )
-        _require_seconds(path, self._columns["time"])
-        count = len(self._columns["time"])
-        known = [name for name, (point, _) in _POSES.items() if present >= set(point)]
-        self.topics = (
-            Topic("force", ",".join(self._force), count, "force"),
-            *(Topic(name, ",".join(_POSES[name][0]), count, "pose") for name in known),
-        )
-
-    def forces(self, topic: str) -> TimedForces:
-        """Return the forces."""
-        turned = "qx" in self._columns
-        order = np.argsort(self._columns["time"], kind="stable")
-        values = self._table(self._force)[order]
-        return TimedForces(self._columns["time"][order], values, "tip" if turned else "")
-
-    def poses(self, topic: str) -> TimedPoses:
-        """Return the poses of `tip` or `object`; without quaternions they are not turned."""
-        point, turn = _POSES[topic]
-        positions = self._table(point)
-        unturned = np.tile([0.0, 0.0, 0.0, 1.0], (len(positions), 1))
-        quaternions = self._table(turn) if set(turn) <= set(self._columns) else unturned
-        values = np.hstack([positions, quaternions])
-        return TimedPoses.collect(self._columns["time"], values, child=topic, name=topic)
-
-    def frames(self) -> FrameTree:
-        """Return no transforms: a table has none."""
-        return FrameTree({})
-
-    def joints(self, names: tuple[str, ...]) -> dict[str, tuple[FloatArray, FloatArray]]:
-        """Return times and positions of joints whose columns have their names, as of bags too.
-
-        Such as ``elbow``, ``/joint_states/elbow/position`` or ``position.elbow``.
-        """
-        titles, rows = read_table(self._path)
-        found = {}
-        for k, title in enumerate(titles):
-            parts = re.split(r"[./]", title)
-            for name in set(parts) & set(names) if not _OTHERS & set(parts) else ():
-                found[name] = (self._columns["time"], column_numbers(self._path, rows, k, title))
-        return found
-
-    def _table(self, names: tuple[str, ...]) -> FloatArray:
-        return np.column_stack([self._columns[name] for name in names])
-
-
-def _known_columns(path: Path) -> dict[str, FloatArray]:
-    """Return the columns of a log that are read, in metres and seconds, by their names here."""
-    names, rows = read_table(path)
-    columns: dict[str, FloatArray] = {}
-    for k, full in enumerate(names):
-        name, unit = without_unit(full)
-        if of_bag := _OF_BAG.fullmatch(name):
-            name = _OF_BAG_NAMES[of_bag[1]] + of_bag[2]
-        name = "time" if name in ("timestamp", "stamp", "__time") else name
-        if name not in _COLUMNS:
-            continue
-        if name == "time" and name in columns:
-            continue
-        if name in columns:
-            message = f"{path} has two columns for {name}; the second is {full}: keep one"
-            raise InvalidFileError(message, path=path)
-        columns[name] = column_numbers(path, rows, k, full) * {**UNITS, **SECONDS}.get(unit, 1.0)
-    return columns
-
-
-def _require_seconds(path: Path, times: FloatArray) -> None:
-    """Raise if rows of a log are farther apart than poses are interpolated."""
-    steps = np.diff(np.unique(times[np.isfinite(times)]))
-    step = float(np.median(steps)) if len(steps) else 0.0
-    if step <= LONGEST_GAP:
-        return
-    units = [u for u, s in SECONDS.items() if _LEAST_STEP <= step * s <= LONGEST_GAP]
-    advice = f"if they are {units[0]}, name the column time_{units[0]}" if units else "log faster"
-    raise InvalidFileError(
-        f"rows of a log must be at most {LONGEST_GAP:g} s apart; those of {path} are {step:g} apart"
-        f" (median of column time): {advice}",
-        path=path,
-    )
+    source: str
+    times: FloatArray
+    positions: FloatArray

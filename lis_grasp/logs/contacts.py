@@ -8,17 +8,25 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidInputError, InvalidOptionError, require_at_least
+from lis_grasp.exceptions import InvalidInputError, InvalidOptionError
 from lis_grasp.exploration.touch_detection import (
+    TOUCHES,
     TouchDetection,
     Touches,
     contacts_of_touches,
     detect_touches,
 )
 from lis_grasp.geometry import apply_pose, inverse_pose
-from lis_grasp.io.units import LARGEST
+from lis_grasp.io.option import at_least, option, place, record_of_options
+from lis_grasp.logs._doubts import (
+    question_directions,
+    question_force_frame,
+    question_object,
+    require_places,
+)
 from lis_grasp.logs._streams import LONGEST_GAP, Content, FrameTree, TimedForces
 from lis_grasp.logs.readers import RobotLog
+from lis_grasp.logs.reading import TOPICS
 from lis_grasp.typing import FloatArray
 
 _LARGEST_FORCE = 1e9  # [N]
@@ -43,36 +51,61 @@ class Finger:
     name: str = ""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@record_of_options
 class LogFrames:
-    """Frames of a log, and the object's.
+    """Frames of a log, and the object's; conditioning of the forces.
 
-    Parameters
-    ----------
-    object_pose
-        Topic or frame of the object's pose; None if the object is fixed.
-    object_frame
-        Fixed pose of O in the frame of the tips' poses, (4, 4); None is the identity.
-    tip_frame
-        Name of the frame of the tips' poses where the log does not say; also the base frame of tips
-        that are frames themselves.
-    tip_offset
-        Centre of the tip in the frame of its pose, (3,) [m].
-    tare
-        Seconds at the start whose mean force is subtracted: the sensor's offset.
-    smoothing
-        Length [s] of a centred moving mean of the forces; 0 for none.
+    In Python, `object_frame` is a matrix (4, 4), or its rows.
     """
 
-    object_pose: str | None = None
-    object_frame: FloatArray | None = None
-    tip_frame: str = ""
-    tip_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    tare: float = 0.0
-    smoothing: float = 0.0
+    object_pose: str | None = option(
+        None,
+        "topic or transform frame of the object's pose",
+        TOPICS,
+        metavar="NAME",
+        words="it is fixed",
+    )
+    object_frame: tuple[tuple[float, ...], ...] | None = option(
+        None,
+        "fixed pose of the object, X Y Z [QX QY QZ QW], in the frame of the tip's poses",
+        TOPICS,
+        metavar="NUMBER",
+        words="that frame is the object's",
+    )
+    tip_frame: str | None = option(
+        None, "frame of the tip's poses, if not in LOG", TOPICS, metavar="FRAME"
+    )
+    force_frame: str | None = option(
+        None,
+        "frame of the force: tip, base (of the tip's poses), or a frame of LOG",
+        TOPICS,
+        metavar="FRAME",
+        words="as LOG says, else the tip's",
+    )
+    tip_offset: tuple[float, float, float] = option(
+        (0.0, 0.0, 0.0),
+        "centre of the tip in the frame of its pose [m]",
+        TOUCHES,
+        metavar=("X", "Y", "Z"),
+        words="0 0 0",
+        check=place,
+    )
+    tare: float = option(
+        0.0,
+        "subtract the mean force of the first seconds",
+        TOUCHES,
+        metavar="SECONDS",
+        check=at_least(0),
+    )
+    smoothing: float = option(
+        0.0,
+        "length of a moving mean of the forces",
+        TOUCHES,
+        metavar="SECONDS",
+        check=at_least(0),
+    )
 
     def __post_init__(self) -> None:
-        require_at_least(0.0, tare=self.tare, smoothing=self.smoothing)
         if self.object_pose is not None and self.object_frame is not None:
             raise InvalidOptionError(
                 "the object's pose is either a topic or fixed; both are given: give one"
@@ -102,12 +135,10 @@ def contacts_from_log(
             " with `tare`"
         )
     contacts = contacts_of_touches(touches, detection)
-    if contacts.extent > LARGEST:
-        raise InvalidInputError(
-            f"contacts must be within {LARGEST:g} m of each other; those of the log are"
-            f" {contacts.extent:.3g} m apart: if its positions are in millimetres, name the columns"
-            " x_mm,y_mm,z_mm"
-        )
+    centers = np.concatenate([touch.centers for touch in touches])
+    require_places(centers, "if its positions are in millimetres, name the columns x_mm,y_mm,z_mm")
+    if frames.object_pose is None:
+        question_object(log, touches)
     return contacts, touches
 
 
@@ -148,7 +179,8 @@ def choose_topic(log: RobotLog, content: Content, given: str | None, option: str
 def _touches(
     log: RobotLog, finger: Finger, frames: LogFrames, detection: TouchDetection
 ) -> Touches:
-    measured = log.forces(choose_topic(log, "force", finger.force, "force"))
+    topic = choose_topic(log, "force", finger.force, "force")
+    measured = log.forces(topic)
     valid = np.all(np.abs(measured.forces) < _LARGEST_FORCE, axis=1)  # False for NaN
     valid &= np.isfinite(measured.times)
     if not valid.any():
@@ -156,22 +188,53 @@ def _touches(
     measured = replace(measured, times=measured.times[valid], forces=measured.forces[valid])
     times = measured.times
     base, X_PT, tip = _pose_of(log, finger.tip, frames, times, "tip")
+    but = frames.object_pose or ""
+    tip_name = finger.tip or choose_topic(log, "pose", None, "tip", but)
     if frames.object_pose is None:
-        fixed = np.eye(4) if frames.object_frame is None else frames.object_frame
+        fixed = np.eye(4) if frames.object_frame is None else np.array(frames.object_frame)
         X_PO = np.tile(fixed, (len(times), 1, 1))
     else:
         other, X_BO, _ = _pose_of(log, frames.object_pose, None, times, "object_pose", near=base)
         X_PO = _related(log, base, other, times) @ X_BO
     X_OP = inverse_pose(X_PO)
     X_OT = X_OP @ X_PT
-    R_OF = _force_frame(measured, log, base, tip, X_OP, X_OT)
     forces = _conditioned(measured, frames)
-    known = np.isfinite(R_OF[:, 0, 0])
-    if forces.shape[1] == 3:
-        # A rotation that is unknown must not hide a touch.
-        forces[known] = np.einsum("tij,tj->ti", R_OF[known], forces[known])
     tips = apply_pose(X_OT, np.asarray(frames.tip_offset, dtype=np.float64))
-    return detect_touches(times, forces, tips, detection, finger=finger.name, directed=known)
+
+    def touches_in(R_OF: FloatArray) -> Touches:
+        turned, known = forces.copy(), np.isfinite(R_OF[:, 0, 0])
+        if forces.shape[1] == 3:
+            # A rotation that is unknown must not hide a touch.
+            turned[known] = np.einsum("tij,tj->ti", R_OF[known], forces[known])
+        return detect_touches(times, turned, tips, detection, finger=finger.name, directed=known)
+
+    given = frames.force_frame or measured.frame
+    R_OF = _named_frame(given, log, base, tip, times, X_OP, X_OT)
+    if R_OF is None and frames.force_frame:
+        raise InvalidOptionError(
+            f"force_frame must be tip, base, or a frame of the log; it is '{frames.force_frame}'",
+            option="force_frame",
+            value=frames.force_frame,
+        )
+    touches = touches_in(X_OT[:, :3, :3] if R_OF is None else R_OF)
+    taken = "magnitudes"
+    if forces.shape[1] == 3:
+        taken = f"in the frame {given}" if R_OF is not None else "taken in the tip's frame"
+        if not frames.force_frame and detection.normals != "approach":
+            others = {"base": X_OP[:, :3, :3], "tip": X_OT[:, :3, :3]}
+            found = {name: touches_in(R) for name, R in others.items()}
+            question_force_frame(touches, found, stated=measured.frame if R_OF is not None else "")
+        if detection.normals != "approach":
+            question_directions(touches, detection)
+    posed = X_PT[np.isfinite(X_PT[:, 0, 0]), :3, :3]
+    turns = bool(len(posed)) and float(np.ptp(posed, axis=0).max()) > 0.0
+    streams = [
+        ("force", topic, taken),
+        ("tip", tip_name, "" if turns else "never turned"),
+    ]
+    if frames.object_pose is not None:
+        streams.append(("object", frames.object_pose, ""))
+    return replace(touches, streams=tuple(streams))
 
 
 def _pose_of(
@@ -187,7 +250,7 @@ def _pose_of(
     `near` is the base of a frame in the log's transforms, if it is one of them.
     """
     frame = None if given is None else given.lstrip("/")
-    named = frames.tip_frame if frames is not None else ""
+    named = (frames.tip_frame or "").lstrip("/") if frames is not None else ""
     topics = {topic.name for topic in log.topics if topic.content == "pose"}
     if given is not None and given not in topics:
         tree = log.frames()
@@ -205,8 +268,8 @@ def _pose_of(
 
 
 def _root(tree: FrameTree) -> str:
-    children = {child for _, child in tree.transforms}
-    roots = sorted({parent for parent, _ in tree.transforms} - children)
+    edges = (*tree.transforms, *tree.unknown)
+    roots = sorted({parent for parent, _ in edges} - {child for _, child in edges})
     if len(roots) != 1:
         raise InvalidInputError(
             f"the log's transforms have {len(roots)} root frames ({', '.join(roots)}): name the"
@@ -230,17 +293,25 @@ def _related(log: RobotLog, base: str, other: str, times: FloatArray) -> FloatAr
     return tree.pose(base, other, times)
 
 
-def _force_frame(
-    measured: TimedForces, log: RobotLog, base: str, tip: str, X_OP: FloatArray, X_OT: FloatArray
-) -> FloatArray:
-    """Return rotations of the force's frame in O, (T, 3, 3)."""
-    if measured.frame and measured.frame == base:
+def _named_frame(
+    name: str,
+    log: RobotLog,
+    base: str,
+    tip: str,
+    times: FloatArray,
+    X_OP: FloatArray,
+    X_OT: FloatArray,
+) -> FloatArray | None:
+    """Return rotations (T, 3, 3) of a frame in O: `tip`, `base` or the log's; None if unknown."""
+    name = name.lstrip("/")
+    if name and name in (base, "base") and not (name == "base" and tip == "base"):
         return X_OP[:, :3, :3]
-    if measured.frame not in ("", tip):
-        tree = log.frames()
-        if {measured.frame, base} <= set(tree.frames):
-            return (X_OP @ tree.pose(base, measured.frame, measured.times))[:, :3, :3]
-    return X_OT[:, :3, :3]
+    if name and name in (tip, "tip"):
+        return X_OT[:, :3, :3]
+    tree = log.frames() if name else FrameTree({})
+    if name and {name, base} <= set(tree.frames):
+        return (X_OP @ tree.pose(base, name, times))[:, :3, :3]
+    return None
 
 
 def _conditioned(measured: TimedForces, frames: LogFrames) -> FloatArray:

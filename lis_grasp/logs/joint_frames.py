@@ -2,23 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.exceptions import InvalidInputError
-from lis_grasp.logs.readers import FrameTree, RobotLog, TimedForces, TimedPoses, Topic
+from lis_grasp.exceptions import InvalidInputError, note
+from lis_grasp.logs.readers import (
+    FrameTree,
+    JointSeries,
+    RobotLog,
+    TimedForces,
+    TimedPoses,
+    Topic,
+)
+from lis_grasp.logs.reading import LogReading
 from lis_grasp.robots.described_joints import read_joints
 from lis_grasp.typing import FloatArray
 
+# A joint may be this far outside of its limits [rad or m]: of calibrations that differ.
+_BEYOND = 0.1
 
-def with_link_frames(log: RobotLog, description: Path) -> RobotLog:
+
+def with_link_frames(
+    log: RobotLog, description: Path, reading: LogReading = LogReading()
+) -> RobotLog:
     """Return a log whose frames include the links of a robot.
 
     Each joint that the log's joint states name gives the transform from its parent link to its
-    child; joints that mimic another follow it. Links beyond other joints have no pose.
+    child; joints that mimic another follow it. A pose beyond a joint whose position is not known,
+    or contradicts itself, is refused when it is asked for, with the reason.
 
     Parameters
     ----------
@@ -26,6 +42,8 @@ def with_link_frames(log: RobotLog, description: Path) -> RobotLog:
         A log with joint states, such as ``/joint_states``, or columns with the joints' names.
     description
         URDF, SDF or MJCF of the robot. Its meshes are not needed.
+    reading
+        The unit of joints that turn.
 
     Raises
     ------
@@ -35,23 +53,110 @@ def with_link_frames(log: RobotLog, description: Path) -> RobotLog:
         If the description cannot be read.
     """
     joints = read_joints(description)
-    logged = log.joints(tuple(dict.fromkeys(j.leader for j in joints if not j.is_fixed)))
+    moving = [joint for joint in joints if not joint.is_fixed]
+    logged = log.joints(tuple(dict.fromkeys(joint.leader for joint in moving)))
     if not logged:
-        named = ", ".join(dict.fromkeys(j.joint.name for j in joints if not j.is_fixed)) or "none"
+        named = ", ".join(dict.fromkeys(joint.joint.name for joint in moving)) or "none"
         raise InvalidInputError(
             f"the log must have joint states of {description}, whose movable joints are"
-            f" {named}; it has none of them"
+            f" {named}; it has none of them{_others(log)}"
         )
-    frames = {}
+    tracks = {
+        joint.leader: _one_track(joint.joint, logged, log, reading)
+        for joint in moving
+        if joint.leader == joint.joint.name
+    }
+    frames, unknown = {}, {}
     for joint in joints:
         if joint.is_fixed:
             still = np.zeros(1)
             frames[joint.ends] = _timed(still, joint.poses(still), *joint.ends)
-        elif joint.leader in logged:
-            times, positions = logged[joint.leader]
-            frames[joint.ends] = _timed(times, joint.poses(positions), *joint.ends)
-    base = min({parent for parent, _ in frames} - {child for _, child in frames})
-    return _LogWithLinks(log, FrameTree({**log.frames().transforms, **frames}), base)
+            continue
+        track = tracks.get(joint.leader, f"the description has no joint {joint.leader}")
+        if isinstance(track, str):
+            unknown[joint.ends] = track
+        else:
+            X_PC = joint.poses(track.positions)
+            frames[joint.ends] = _timed(track.times, X_PC, *joint.ends)
+    edges = [*frames, *unknown]
+    base = min({parent for parent, _ in edges} - {child for _, child in edges})
+    own = log.frames()
+    sources = {track.source for track in tracks.values() if not isinstance(track, str)}
+    tree = FrameTree(
+        {**own.transforms, **frames},
+        {**own.unknown, **unknown},
+        (*own.sources, *sorted(sources)),
+    )
+    return _LogWithLinks(log, tree, base)
+
+
+def _one_track(
+    joint: Any, logged: Mapping[str, list[JointSeries]], log: RobotLog, reading: LogReading
+) -> JointSeries | str:
+    """Return the positions of a joint from its sources, or why they cannot be used."""
+    name, series = joint.name, logged.get(joint.name, [])
+    whole = max(float(np.ptp(each.times)) for found in logged.values() for each in found)
+    if not series:
+        return f"the log has no joint state of {name}{_others(log)}"
+    moving = [each for each in series if np.ptp(each.positions) > 0.0]
+    if len(series) > 1 and moving and len(moving) < len(series):
+        still = [each for each in series if np.ptp(each.positions) == 0.0]
+        places = ", ".join(f"{each.positions[0]:g} ({each.source})" for each in still)
+        note(f"joint {name}: positions that never change are left out, others do: {places}")
+        series = moving
+    sources = sorted({each.source for each in series})
+    if len(sources) > 1:
+        return (
+            f"the joint {name} is in {' and '.join(sources)}: name the one to use by"
+            " `joint_states`, or keep one column"
+        )
+    times = np.concatenate([each.times for each in series])
+    positions = np.concatenate([each.positions for each in series])
+    order = np.argsort(times, kind="stable")
+    positions = positions[order]
+    apart = sum(_travel(each.positions[np.argsort(each.times, kind="stable")]) for each in series)
+    if len(series) > 1 and _travel(positions) > 2.0 * apart:
+        return (
+            f"the joint {name} of {sources[0]} has two positions at nearly one time, of two"
+            " publishers: record them on topics of their own"
+        )
+    if len(np.unique(times)) < 2 and whole > 0.0:
+        return (
+            f"the log has one state of the joint {name} in {whole:.3g} s: record all, or make the"
+            " joint fixed in the description"
+        )
+    if joint.type == "revolute" and reading.angles == "deg":
+        positions = np.radians(positions)
+    if reading.angles is None and (reason := _beyond_limits(joint, positions)):
+        return reason
+    return JointSeries(sources[0], times[order], positions)
+
+
+def _travel(positions: FloatArray) -> float:
+    return float(np.abs(np.diff(positions)).sum())
+
+
+def _beyond_limits(joint: Any, positions: FloatArray) -> str:
+    """Return how positions of a joint contradict its limits; empty if they do not."""
+    limit = joint.limit
+    if limit is None or limit.lower is None or limit.upper is None or joint.type == "continuous":
+        return ""
+    low, high = float(np.nanmin(positions)), float(np.nanmax(positions))
+    if limit.lower >= limit.upper or (
+        limit.lower - _BEYOND <= low and high <= limit.upper + _BEYOND
+    ):
+        return ""
+    ways = "if they are in degrees, give `angles` deg; else"
+    return (
+        f"positions of the joint {joint.name} are from {low:.4g} to {high:.4g}, and its limits"
+        f" {limit.lower:g} to {limit.upper:g}: {ways if joint.type == 'revolute' else ''} correct"
+        " the limits, or give `angles` rad to leave them unchecked"
+    )
+
+
+def _others(log: RobotLog) -> str:
+    names = log.joint_names()
+    return f"; it has {', '.join(names)}" if names else ""
 
 
 def _timed(times: FloatArray, X: FloatArray, parent: str, child: str) -> TimedPoses:
@@ -71,6 +176,10 @@ class _LogWithLinks(RobotLog):
     def topics(self) -> tuple[Topic, ...]:  # type: ignore[override]
         return self.log.topics
 
+    @property
+    def unused(self) -> tuple[str, ...]:  # type: ignore[override]
+        return self.log.unused
+
     def forces(self, topic: str) -> TimedForces:
         return self.log.forces(topic)
 
@@ -78,8 +187,11 @@ class _LogWithLinks(RobotLog):
         poses = self.log.poses(topic)
         return poses if poses.parent else replace(poses, parent=self.base)
 
-    def joints(self, names: tuple[str, ...]) -> dict[str, tuple[FloatArray, FloatArray]]:
+    def joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
         return self.log.joints(names)
+
+    def joint_names(self) -> tuple[str, ...]:
+        return self.log.joint_names()
 
     def frames(self) -> FrameTree:
         return self.tree

@@ -12,13 +12,22 @@ from scipy.ndimage import binary_erosion, correlate
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, require_positive
+from lis_grasp.exceptions import (
+    InvalidFileError,
+    InvalidInputError,
+    InvalidOptionError,
+    require_positive,
+)
 from lis_grasp.geometry import apply_pose, are_rigid, rotate, unit
 from lis_grasp.io.limits import read_arrays
+from lis_grasp.io.option import POSITIVE, option, record_of_options
+from lis_grasp.logs._doubts import require_places
+from lis_grasp.logs.reading import PATCHES
 from lis_grasp.records import read_only
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 _DEEPEST = 0.02  # [m] that a gel is indented
+_STEEPEST = 1.0  # slope of a pressed gel in the median
 _HALF_WIDTH = 5  # of the square window of a fit [pixels]
 _SURE = 2.0  # standard deviations beyond which a curvature is not noise
 
@@ -70,7 +79,8 @@ class TactilePatches:
         if max(high, -low, pitch.max()) > _DEEPEST:
             raise InvalidOptionError(
                 f"heights and pitch must be in metres, at most {_DEEPEST:g}; they reach"
-                f" {max(high, -low, pitch.max()):.3g}: multiply millimetres by 0.001",
+                f" {max(high, -low, pitch.max()):.3g}: multiply millimetres by 0.001, and depths in"
+                " pixels by the metres of a pixel",
                 option="heights",
             )
         if -low > high:
@@ -96,29 +106,26 @@ class TactilePatches:
             raise InvalidFileError(message, path=Path(path)) from None
 
 
-@dataclass(frozen=True, slots=True)
+@record_of_options
 class PatchDetection:
-    """Which pixels of a patch become contacts.
+    """Which pixels of a patch become contacts; those on flat surface are taken first."""
 
-    Parameters
-    ----------
-    threshold
-        Least indentation of a pixel that touches [m].
-    spacing
-        Least distance of contacts of one patch [m]; those on flat surface are taken first.
-    position_noise
-        Standard deviation of the heights [m]; None for the scatter about the fits, which leaves out
-        errors of the calibration and of the sensor's poses.
-    """
-
-    threshold: float = 1e-4
-    spacing: float = 2e-3
-    position_noise: float | None = None
-
-    def __post_init__(self) -> None:
-        require_positive(threshold=self.threshold, spacing=self.spacing)
-        if self.position_noise is not None:
-            require_positive(position_noise=self.position_noise)
+    threshold: float = option(
+        1e-4,
+        "least indentation of a pixel that touches",
+        PATCHES,
+        metavar="METRES",
+        check=POSITIVE,
+    )
+    spacing: float = option(2e-3, "distance of contacts", PATCHES, metavar="METRES", check=POSITIVE)
+    position_noise: float | None = option(
+        None,
+        "standard deviation of the heights and of the sensor's position",
+        PATCHES,
+        metavar="METRES",
+        words="the scatter of the heights",
+        check=POSITIVE,
+    )
 
 
 def contacts_from_patches(
@@ -146,6 +153,7 @@ def contacts_from_patches(
     """
     pitch = np.asarray(patches.pitch)
     fits = [_fit(heights, pitch, detection) for heights in patches.heights]
+    _require_gel(fits)
     scatter = [fit.scatter for fit in fits if len(fit.scatter)]
     noise = detection.position_noise
     if noise is None:
@@ -153,6 +161,7 @@ def contacts_from_patches(
     contacts = Contacts.empty()
     for fit, X_OS in zip(fits, patches.poses, strict=True):
         contacts = contacts.append(fit.contacts(X_OS, noise, detection.spacing))
+    require_places(contacts.points, "give the positions of the sensor's poses in metres")
     return contacts
 
 
@@ -183,6 +192,17 @@ class _Fit:
             rotate(X_OS, normals[chosen]),
             position_noise=noise * -normals[chosen, 2],
             normal_noise=normal_noise[chosen],
+        )
+
+
+def _require_gel(fits: list[_Fit]) -> None:
+    """Raise if surfaces are steeper than a gel is pressed in: heights and pitch of two units."""
+    slopes = np.concatenate([np.linalg.norm(fit.slopes, axis=1) for fit in fits])
+    if len(slopes) and (steep := float(np.median(slopes))) > _STEEPEST:
+        angle = np.degrees(np.arctan(steep))
+        raise InvalidInputError(
+            f"half of the gel would be inclined by more than {angle:.0f} deg: give heights and"
+            " pitch in metres, depths in pixels times the metres of a pixel"
         )
 
 

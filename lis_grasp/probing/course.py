@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -111,6 +112,10 @@ class Course:
         # The end of the approach is the start of the probe's motion.
         joint = np.concatenate([*(leg[:-1] for leg in places[:-1]), places[-1]])
         return make_pose(self.last.X_OH[:3, :3], joint)
+
+
+PathOf = Callable[[Arm, Course, float, float], JointTrajectory]
+"""Returns the arm's path of a course, by the distance of its end from the contact [m] and a step [s]."""
 
 
 def path_out(arm: Arm, course: Course, before: float, step: float) -> JointTrajectory:

@@ -18,7 +18,7 @@ from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import sole_writer
 from lis_grasp.io.json_lines import MADE_AGAIN, append_lines, read_lines
-from lis_grasp.results.file_stages import lifting_of
+from lis_grasp.results.lifted_file import lifting_of
 from lis_grasp.results.progress import SILENT, Progress
 from lis_grasp.results.report import lift_facts
 from lis_grasp.stages.lift import lift_object

@@ -11,6 +11,9 @@ from lis_grasp.robots.hand_check import opening_range
 from lis_grasp.shapes import Shape
 from lis_grasp.stages.scenario import Scenario
 
+WARNING = "warning: "
+"""Start of a note that warns."""
+
 
 def say_object(scenario: Scenario, progress: Progress) -> None:
     """Report the repairs of the true object's mesh, and whether it is too wide for the hand."""
@@ -32,7 +35,7 @@ def say_width(mesh: trimesh.Trimesh, hand: Hand, progress: Progress) -> None:
     width = narrowest_width(mesh)
     if width > high:
         progress.say(
-            f"warning: the object is {1e3 * width:.0f} mm wide where it is narrowest, and"
+            f"{WARNING}the object is {1e3 * width:.0f} mm wide where it is narrowest, and"
             f" {hand.name} holds widths of {1e3 * low:.0f} to {1e3 * high:.0f} mm: only a rim or a"
             " handle can be grasped; check the units of the mesh (`units`), or take a smaller"
             " object"

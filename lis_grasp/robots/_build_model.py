@@ -342,8 +342,9 @@ def joint_limits(joint: Any) -> tuple[float, float, float]:
         )
     if not -LARGEST <= lower < upper <= LARGEST:
         raise InvalidHandError(
-            f"joint '{joint.name}' must have a lower limit below its upper limit; they are"
-            f" {lower} and {upper}: correct them in the file, or give the joint type 'fixed'"
+            f"joint '{joint.name}' must have a lower limit below its upper limit, within"
+            f" {LARGEST:g}; they are {lower} and {upper}: correct them in the file, or give the"
+            " joint type 'fixed', or 'continuous' (without limits)"
         )
     return float(lower), float(upper), float(effort)
 

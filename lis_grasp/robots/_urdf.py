@@ -22,7 +22,7 @@ from defusedxml import DefusedXmlException
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.io.content_kinds import require_kind
 from lis_grasp.io.limits import MEBIBYTE, reason_of, require_file_size
-from lis_grasp.robots.model_uri import package_folders
+from lis_grasp.robots.model_uri import LISTS, package_folders
 
 _MOST_BYTES = 64 * MEBIBYTE  # of a URDF, SDF or MJCF that is read
 _NAMESPACES = {b"drake": b"http://drake.mit.edu"}
@@ -30,6 +30,8 @@ _START = 400  # bytes in which XML names its encoding
 _EXPAND = "from lis_grasp.robots._urdf import _expand; _expand()"
 _LONGEST = 30.0  # [s] that macros may take
 _MOST_MEMORY = 4096 * MEBIBYTE  # that they may need
+# What xacro, or a file without links, says of an argument that is needed.
+_ARGUMENT = re.compile(r"Undefined substitution argument (\S+)|make no links")
 
 
 @contextlib.contextmanager
@@ -112,10 +114,28 @@ def _expand_macros(path: Path) -> ET.Element:
         reason = f"they have no end within {_LONGEST:.0f} s"
     else:
         if not done.returncode:
-            return ET.fromstring(done.stdout)
-        reason = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+            root = ET.fromstring(done.stdout)
+            if root.tag != "robot" or root.find("link") is not None:
+                return root
+            reason = "they make no links"
+        else:
+            reason = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+    if asked := _ARGUMENT.search(reason):
+        names = [asked[1]] if asked[1] else _arguments(path)
+        given = " ".join(f"{name}:=VALUE" for name in names)
+        reason += (
+            f": give arguments, as by `xacro {path.name} {given} > hand.urdf`"
+            if names
+            else ": give the file that calls its macros"
+        )
     message = f"{path} has macros that xacro cannot expand: {reason}"
     raise InvalidHandError(message, file=path.name)
+
+
+def _arguments(path: Path) -> list[str]:
+    """Return the names of the arguments that a xacro file declares."""
+    found = re.findall(rb"<xacro:arg\s[^>]*?\bname=[\"']([^\"']+)", path.read_bytes())
+    return [name.decode(errors="replace") for name in dict.fromkeys(found)]
 
 
 def _expand() -> None:
@@ -131,7 +151,10 @@ def _expand() -> None:
         beside = [f / package for f in path.parents if (f / package).is_dir()]
         folders = [*above, *beside, *package_folders(package)]
         if not folders or not folders[0].is_dir():
-            raise LookupError(f"no folder '{package}' is above the file or beside one that is")
+            raise LookupError(
+                f"no folder '{package}' is above the file or beside one that is: list the folder"
+                f" that holds it in {' or '.join(LISTS)}"
+            )
         return str(folders[0])
 
     functions["_eval_find"] = find
@@ -140,7 +163,7 @@ def _expand() -> None:
     # xacro raises errors of many types for what it cannot evaluate, some of which say it twice.
     except Exception as error:  # noqa: BLE001
         reason = re.sub(r"<class '[\w.]+'>: ", "", " ".join(str(error).split()))
-        sys.exit(re.sub(r"^(.+) \1$", r"\1", reason) or type(error).__name__)
+        sys.exit(re.sub(r"^(.+) \1(?= when evaluating|$)", r"\1", reason) or type(error).__name__)
 
 
 def parse_xml(path: Path) -> ET.Element:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -10,7 +9,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from lis_grasp.geometry import apply_pose, hull_crossing, rotate
-from lis_grasp.io.yaml_files import is_plain_text
+from lis_grasp.io.yaml_files import word
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.inertias import RULE, impossible_inertias
@@ -282,8 +281,3 @@ def _body_link(hand: Hand, pad: Pad) -> str:
 def exclusion_lines(pairs: Sequence[tuple[str, str]]) -> Iterator[str]:
     """Yield pairs of links as items of ``self_collision_exclusions``."""
     yield from (f"  - [{word(first)}, {word(second)}]" for first, second in pairs)
-
-
-def word(text: str) -> str:
-    """Return a YAML scalar: as it is if YAML reads a plain word as text, else quoted."""
-    return text if is_plain_text(text) else json.dumps(text)

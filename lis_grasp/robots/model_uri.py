@@ -12,7 +12,9 @@ from urllib.parse import unquote
 
 from lis_grasp.exceptions import InvalidFileError
 
-_LISTS = ("LIS_GRASP_MODELS", "ROS_PACKAGE_PATH")
+LISTS = ("LIS_GRASP_MODELS", "ROS_PACKAGE_PATH")
+"""Environment variables that list folders with packages of models."""
+
 _DEPTH = 4  # folders above a file in which the root of its package may be
 _BELOW = 3  # folders below a listed one in which a package may be
 _NAMED = 3  # places that a message names
@@ -91,12 +93,12 @@ def _not_found(uri: str, candidates: Sequence[Path], folder: Path) -> str:
     if not any(root.is_dir() for root in roots):
         return (
             f"{uri} was not found, since no folder '{name}' is above {here} or in a listed one:"
-            f" list the folder that holds '{name}' in {' or '.join(_LISTS)}"
+            f" list the folder that holds '{name}' in {' or '.join(LISTS)}"
         )
     tried = ", ".join(dict.fromkeys(str(candidate) for candidate in candidates[:_NAMED]))
     return (
         f"{uri} was not found; tried first {tried}: folders that hold packages are listed in"
-        f" {' or '.join(_LISTS)}"
+        f" {' or '.join(LISTS)}"
     )
 
 
@@ -137,7 +139,7 @@ def package_folders(package: str) -> list[Path]:
     installed Python package of that name, or the data of one in ``share/NAME``; and the models that
     Drake downloaded.
     """
-    roots = [Path(root) for name in _LISTS for root in _listed(name)]
+    roots = [Path(root) for name in LISTS for root in _listed(name)]
     folders = [root / package for root in roots]
     folders += [root for root in roots if root.name == package]
     below = ["*/" * depth + glob.escape(package) for depth in range(1, _BELOW)]
@@ -148,7 +150,8 @@ def package_folders(package: str) -> list[Path]:
     shares = [place / "cmeel.prefix" / "share" for place in places]
     folders += [share / package for share in (*shares, Path(sys.prefix) / "share")]
     if package == "drake_models":
-        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        # Not Path.home(), which raises where the user has no home folder.
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
         manifests = sorted((cache / "drake" / "package_map").glob("**/package.xml"))
         folders += [m.parent for m in manifests if "<name>drake_models<" in m.read_text("utf-8")]
     present = (folder for folder in folders if folder.is_dir())

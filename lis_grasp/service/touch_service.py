@@ -29,8 +29,9 @@ from lis_grasp.grasping.export import moveit_grasps
 from lis_grasp.io import provenance
 from lis_grasp.io.schemas import Number, Vector, first_mistake
 from lis_grasp.io.units import LARGEST
-from lis_grasp.results.file_stages import estimate_file, grasp_file
+from lis_grasp.results.estimated_file import estimate_file
 from lis_grasp.results.folder import result_file
+from lis_grasp.results.grasped_file import grasp_file
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.contact_sources import ContactSource
 from lis_grasp.stages.next_touch import NextTouch, ObjectPlace, endless, next_touch_after

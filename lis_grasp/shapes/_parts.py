@@ -8,8 +8,9 @@ import trimesh
 from trimesh.collision import mesh_to_BVH
 from trimesh.graph import connected_component_labels
 
-from lis_grasp.exceptions import InvalidMeshError
+from lis_grasp.exceptions import InvalidMeshError, counted
 from lis_grasp.shapes._topology import signed_volume
+from lis_grasp.shapes.mesh_distance import winding_numbers
 from lis_grasp.typing import FloatArray, IntArray
 
 # Crossings a face: up to five where solids meet or coincide. With more than this, solids are torn
@@ -24,7 +25,7 @@ def each_part(mesh: trimesh.Trimesh) -> list[IntArray]:
 
 
 def unite_parts(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
-    """Unite solid parts that touch, so that no face is left inside; list it in `repairs`.
+    """Unite solid parts that touch, and leave out those inside others; list it in `repairs`.
 
     Parts that touch nothing keep the file's own triangles.
     """
@@ -34,7 +35,7 @@ def unite_parts(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
     low, high = boxes(mesh, bodies)
     joined: list[trimesh.Trimesh] = []
     replaced: list[IntArray] = []
-    count = 0
+    count = inner = 0
     for group in overlapping_groups(low, high):
         if len(group) < 2:
             continue
@@ -45,10 +46,15 @@ def unite_parts(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
             continue
         joined.append(united)
         replaced += [bodies[i] for i in group]
-        count += len(group)
-    if not count:
+        inside = _inner_parts(parts)
+        inner += inside
+        count += len(group) - inside if len(group) - inside > 1 else 0
+    if not joined:
         return mesh
-    repairs.append(f"united {count} parts that touch")
+    if count:
+        repairs.append(f"united {count} parts that touch")
+    if inner:
+        repairs.append(f"left out {counted(inner, 'part')} inside of another")
     kept = np.ones(len(mesh.faces), dtype=bool)
     kept[np.concatenate(replaced)] = False
     if not kept.any():
@@ -56,6 +62,19 @@ def unite_parts(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
     mesh.update_faces(kept)
     mesh.remove_unreferenced_vertices()
     return trimesh.util.concatenate([mesh, *joined])
+
+
+def _inner_parts(parts: list[trimesh.Trimesh]) -> int:
+    """Count the solids that are inside of another one, which their union does not show."""
+    bounds = np.array([part.bounds for part in parts])
+    within = (bounds[:, None, 0] > bounds[None, :, 0]) & (bounds[:, None, 1] < bounds[None, :, 1])
+    pairs = np.argwhere(within.all(axis=2))  # the first in the box of the second
+    return len({int(i) for i, k in pairs if _is_inside(parts[i], parts[k])})
+
+
+def _is_inside(part: trimesh.Trimesh, solid: trimesh.Trimesh) -> bool:
+    turns = winding_numbers(np.asarray(part.vertices), solid.vertices, solid.faces)
+    return bool((turns > 0.5).all())
 
 
 def boxes(mesh: trimesh.Trimesh, bodies: list[IntArray]) -> tuple[FloatArray, FloatArray]:

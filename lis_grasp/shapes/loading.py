@@ -171,4 +171,5 @@ def _read(
         vertices = np.array(read.mesh.vertices, dtype=np.float64) @ TO_Z_UP[axis].T
     changes = [f"scaled from {unit_name(metres)} to metres"] if read.metres and metres != 1 else []
     changes += [f"turned from {axis} up to z up"] if read.up and axis != "z" else []
-    return read, vertices, faces, metres, tuple(f"{c}, as the file states" for c in changes)
+    changes = [*read.left_out, *(f"{change}, as the file states" for change in changes)]
+    return read, vertices, faces, metres, tuple(changes)

@@ -6,7 +6,7 @@ from lis_grasp.surfaces.contact_loading import load_contacts
 from lis_grasp.surfaces.contact_verdicts import ContactVerdicts, judge_contacts, orient_normals
 from lis_grasp.surfaces.estimators import ESTIMATORS, Estimator
 from lis_grasp.surfaces.gaussian_process_implicit_surface import GaussianProcessImplicitSurface
-from lis_grasp.surfaces.implicit_surface import ImplicitSurface
+from lis_grasp.surfaces.implicit_surface import DeferredSurface, ImplicitSurface
 from lis_grasp.surfaces.local_implicit_surface import LocalImplicitSurface
 from lis_grasp.surfaces.normal_estimation import estimate_normals
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
@@ -17,6 +17,7 @@ __all__ = [
     "BlendedImplicitSurface",
     "CarvedImplicitSurface",
     "ContactVerdicts",
+    "DeferredSurface",
     "Estimator",
     "GaussianProcessImplicitSurface",
     "ImplicitSurface",

@@ -1,5 +1,6 @@
 """Standard streams that are closed or full, and folders that cannot be written to."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -68,11 +69,29 @@ def test_work_goes_on_without_the_other_streams(contacts: Path, redirections: st
 def test_what_libraries_print_gets_into_no_file(contacts: Path) -> None:
     # Without the null device in its place, a file would get the number 2.
     script = (
-        "import os; from lis_grasp.cli.progress import open_missing_streams as f; f();"
+        "import os; from lis_grasp.cli.progress import open_streams as f; f();"
         f"file = open({str(contacts)!r}); assert file.fileno() > 2; os.write(2, b'lost')"
     )
     ended = subprocess.run(["sh", "-c", f'exec "{sys.executable}" -c "{script}" 2>&-'], check=False)
     assert ended.returncode == 0
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
+def test_letters_that_an_output_lacks_are_replaced(contacts: Path, encoding: str) -> None:
+    environment = os.environ | {"PYTHONIOENCODING": encoding}
+    output = contacts.parent / "夹爪"
+    command = [sys.executable, "-m", "lis_grasp.cli.main", "estimate", str(contacts)]
+    ended = subprocess.run(
+        [*command, "--output", str(output)],
+        capture_output=True,
+        env=environment,
+        timeout=60,
+        check=False,
+    )
+    assert ended.returncode == 0
+    assert (output / "surface.ply").is_file()
+    shown = "夹爪" if encoding == "utf-8" else "??"
+    assert shown.encode(encoding) + b"/surface.ply" in ended.stdout
 
 
 def test_a_folder_that_cannot_be_written_to_is_one_sentence(

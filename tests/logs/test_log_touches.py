@@ -38,9 +38,12 @@ def recording() -> Recording:
     return record()
 
 
-def assert_true(contacts: Contacts, recording: Recording, *, normal: float = 0.02) -> None:
+def assert_true(
+    contacts: Contacts, recording: Recording, *, normal: float = 0.02, position: float = 0.0
+) -> None:
     assert len(contacts) == len(recording.points)
-    assert np.linalg.norm(contacts.points - recording.points, axis=1).max() < TOLERANCE
+    errors = np.linalg.norm(contacts.points - recording.points, axis=1)
+    assert errors.max() < TOLERANCE + position
     cosines = np.sum(contacts.normals * recording.normals, axis=1)
     assert np.arccos(np.clip(cosines, -1.0, 1.0)).max() < normal
     assert contacts.times is not None
@@ -479,5 +482,5 @@ def test_links_beyond_a_joint_that_is_not_logged_have_no_pose(
         open_log(write_bag(recording, tmp_path / "l", "mcap", joints=joints)), urdf
     )
     assert "after_pitch" in log.frames().frames
-    with pytest.raises(InvalidInputError, match="'world' and 'tip'"):
+    with pytest.raises(InvalidInputError, match="roll"):
         contacts_from_log(log, [Finger(tip="tip")], LogFrames(tip_frame="world"), TOUCH)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -111,3 +112,10 @@ def test_the_command_writes_the_formats_that_are_named(tmp_path: Path) -> None:
     assert written == {"cube.sdf", "cube.xml", "visual.obj", "part_00.obj"}
     assert trimesh.load(tmp_path / "model" / "part_00.obj").extents == pytest.approx([0.04] * 3)
     assert main(["export", str(file), "--units", "mm", "--mass", "0"]) == 2
+
+
+def test_mjcf_of_two_objects_has_no_name_twice(box: ObjectModel) -> None:
+    models = [replace(box, name=name) for name in ("left", "right")]
+    roots = [FORMATS["mjcf"][1](model) for model in models]
+    names = [each.get("name") for root in roots for each in root.iter() if each.get("name")]
+    assert len(names) == len(set(names))

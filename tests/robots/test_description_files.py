@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from lis_grasp.exceptions import InvalidHandError, LisGraspError
+from lis_grasp.exceptions import InvalidFileError, InvalidHandError, LisGraspError
 from lis_grasp.robots._build_model import read_description
 from lis_grasp.robots._urdf import parse_xml
 from lis_grasp.robots.draft.pipeline import draft_hand
@@ -195,6 +195,47 @@ def test_macros_that_cannot_be_expanded_end_in_a_sentence(
     path.write_text(f'<robot name="hand" {space}>{macro}</robot>')
     with pytest.raises(InvalidHandError, match=reason):
         parse_xml(path)
+
+
+@pytest.mark.parametrize(
+    ("inside", "advice"),
+    [
+        ('<link name="$(arg prefix)base"/>', "prefix:=VALUE"),
+        (
+            '<xacro:arg name="dof" default=""/><xacro:if value="${0 == 1}"><link name="a"/>'
+            "</xacro:if>",
+            "dof:=VALUE",
+        ),
+        ('<xacro:macro name="m" params=""><link name="a"/></xacro:macro>', "calls its macros"),
+        ('<link name="$(env LIS_GRASP_TEST_UNSET)"/>', "LIS_GRASP_TEST_UNSET"),
+        ('<xacro:include filename="$(find nowhere_at_all)/a.xacro"/>', "LIS_GRASP_MODELS"),
+    ],
+)
+def test_a_xacro_file_that_lacks_something_says_once_how_to_give_it(
+    inside: str, advice: str, tmp_path: Path
+) -> None:
+    pytest.importorskip("xacro")
+    path = tmp_path / "hand.urdf.xacro"
+    space = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+    path.write_text(f'<robot name="hand" {space}>{inside}</robot>')
+    with pytest.raises(InvalidHandError) as error:
+        parse_xml(path)
+    assert error.value.file == path.name
+    assert str(error.value).count(advice) == 1
+
+
+def test_packages_are_searched_without_a_home(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_home(path: str) -> str:
+        return path  # as os.path.expanduser does for a user without an entry
+
+    def raises(cls: type[Path]) -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr("os.path.expanduser", no_home)
+    monkeypatch.setattr(Path, "home", classmethod(raises))
+    with pytest.raises(InvalidFileError):
+        resolve_uri("package://drake_models/no/such.urdf", Path(), "a test")
 
 
 def test_xacro_finds_packages_beside_it_without_ros(tmp_path: Path) -> None:

@@ -450,7 +450,7 @@ def test_a_text_of_stl_without_its_end_is_read_and_that_is_said(
     text, path = trimesh.exchange.stl.export_stl_ascii(block()), tmp_path / "cut.stl"
     facets = text.split("endfacet")
     path.write_text("endfacet".join(facets[: round(12 * kept)]) + "endfacet\n")
-    with pytest.warns(LisGraspWarning, match="ends without `endsolid`: if a download stopped"):
+    with pytest.warns(LisGraspWarning, match="ends without 'endsolid': if a download stopped"):
         shape = shapes.load(path)
     assert len(shape.repairs) == (0 if kept == 1.0 else 1)  # the hole that is closed
 

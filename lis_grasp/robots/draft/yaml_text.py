@@ -7,9 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lis_grasp.io.yaml_files import word
 from lis_grasp.robots._description import DescriptionEdits
 from lis_grasp.robots.hand import Hand, thumb_of
-from lis_grasp.robots.hand_check import exclusion_lines, word
+from lis_grasp.robots.hand_check import exclusion_lines
 from lis_grasp.typing import FloatArray
 
 

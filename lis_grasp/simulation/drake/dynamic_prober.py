@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 
@@ -10,17 +9,16 @@ import numpy as np
 import trimesh
 
 from lis_grasp.arms.station import Station
-from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory
+from lis_grasp.arms.trajectory import TIME_STEP
 from lis_grasp.arms.use import ArmStoppedError, ArmUse
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_positive
 from lis_grasp.exploration import HandPose, ObstacleModel, Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import GENTLE_SPEED, PROBE_SPEED
 from lis_grasp.geometry import apply_pose, as_pose, inverse_pose, rotate
-from lis_grasp.probing.course import Course, Leg, path_back, path_out
+from lis_grasp.probing.course import Course, Leg, PathOf, path_back, path_out
 from lis_grasp.probing.guarded_motion import SLIDE_STEP, GuardedMotion
 from lis_grasp.records import read_only
-from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake._probing_scene import ProbingScene
 from lis_grasp.simulation.drake.object_plant import FreeObject
@@ -36,8 +34,6 @@ _BEYOND = 0.01
 # From a free object the hand retreats this late after the detection [s]: a sensor of 100 Hz.
 _LATENCY = 0.01
 
-# Arm, course, distance of its end from the contact [m], time step [s] -> the arm's path.
-_PathOf = Callable[[Arm, Course, float, float], JointTrajectory]
 
 ARM_STOPPED = "the arm stopped"
 GRAZED = "a link grazed the object below the force threshold"
@@ -144,7 +140,7 @@ class DynamicProber:
             self._go(course, path_back)
         return outcome
 
-    def _go(self, course: Course, path: _PathOf) -> None:
+    def _go(self, course: Course, path: PathOf) -> None:
         """Simulate the arm's way of a course in free space; without an arm, there is none."""
         if self._ways is not None and self._station is not None and course.way is not None:
             posture = course.joint_positions

@@ -1,0 +1,58 @@
+"""Account of a log: the topics and columns that the contacts are from, and those not used."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from lis_grasp.logs.readers import RobotLog
+
+_MOST_NAMED = 12  # topics or columns that a line names
+
+
+@dataclass(frozen=True, slots=True)
+class LogAccount:
+    """What was used of a log, and what was not.
+
+    Attributes
+    ----------
+    used
+        The topics or frames of forces, tips and the object, each with what it was taken for.
+    unused
+        Topics and columns that no contact depends on.
+    """
+
+    used: tuple[str, ...]
+    unused: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Return one line."""
+        named = ", ".join(self.unused[:_MOST_NAMED])
+        more = len(self.unused) - _MOST_NAMED
+        rest = f"; not used: {named}{f' and {more} more' if more > 0 else ''}"
+        return f"used: {'; '.join(self.used)}{rest if self.unused else ''}"
+
+
+def account_of(log: RobotLog, used: Iterable[tuple[str, str, str]]) -> LogAccount:
+    """Return the account of a log.
+
+    Parameters
+    ----------
+    log
+        The log.
+    used
+        Role, topic or frame, and what it was taken for, of each stream.
+    """
+    streams = list(dict.fromkeys(used))
+    kinds = {topic.name: topic.type for topic in log.topics}
+    lines = []
+    for role, name, taken in streams:
+        kind = f" ({kinds[name]})" if name in kinds else " (a frame)"
+        lines.append(f"{role} {name}{kind}{f', {taken}' if taken else ''}")
+    names = {name for _, name, _ in streams}
+    if not names <= kinds.keys():
+        sources = log.frames().sources
+        lines.append(f"frames of {', '.join(sources)}")
+        names |= set(sources)
+    unused = (*(topic.name for topic in log.topics), *log.unused)
+    return LogAccount(tuple(lines), tuple(name for name in unused if name not in names))
