@@ -14,8 +14,9 @@ from lis_grasp import (
     GaussianProcessImplicitSurface,
     LocalImplicitSurface,
     PatchImplicitSurface,
+    explore,
     extract_mesh,
-    pipeline,
+    shapes,
     surface_error,
 )
 
@@ -34,9 +35,9 @@ def main() -> None:
     output = parser.parse_args().output
     output.mkdir(parents=True, exist_ok=True)
 
-    config = pipeline.RunConfig(object="pentagon", prober="kinematic", touches=20, **NOISE)
-    scenario = pipeline.Scenario.from_config(config)
-    pentagon, contacts = scenario.truth.shape, pipeline.touch(scenario).contacts
+    pentagon = shapes.build("pentagon")
+    exploration = explore(pentagon, known=True, prober="kinematic", touches=20, **NOISE)
+    contacts = exploration.contacts
 
     with (output / "errors.csv").open("w", newline="") as file:
         table = csv.writer(file)

@@ -7,13 +7,12 @@ enough: nothing is registered or inherited.
 """
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from lis_grasp import Contacts, extract_mesh, pipeline, shapes, surface_error
+from lis_grasp import Contacts, explore, extract_mesh, shapes, surface_error
 
 
 class NearestPlane:
@@ -41,15 +40,18 @@ def main() -> None:
     output.mkdir(parents=True, exist_ok=True)
 
     pentagon = shapes.build("pentagon")
-    config = pipeline.RunConfig(prober="kinematic", policy="frontier", touches=15)
-    scenario = pipeline.Scenario.from_config(config, pentagon)
-    scenario = replace(scenario, known=replace(scenario.agent, estimator=NearestPlane))
-    exploration = pipeline.touch(scenario)
+    exploration = explore(
+        pentagon,
+        known=True,  # its place and size
+        prober="kinematic",
+        estimator=NearestPlane,
+        policy="frontier",
+        touches=15,
+    )
     mesh = extract_mesh(NearestPlane(exploration.contacts))
     mesh.export(output / "surface.ply")
-    error = surface_error(
-        mesh, pentagon, exploration.contacts, explored_radius=0.25 * pentagon.size
-    )
+    near = 0.25 * pentagon.size
+    error = surface_error(mesh, pentagon, exploration.contacts, explored_radius=near)
     print(exploration.summary())
     print(f"error {1e3 * error.rmsd:.1f} mm where explored; wrote {output / 'surface.ply'}")
 

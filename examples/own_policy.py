@@ -6,10 +6,9 @@ The policy here touches the object from above at random places. A class with `ne
 """
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
-from lis_grasp import pipeline, shapes
+from lis_grasp import estimate, explore, extract_mesh
 from lis_grasp.exploration import Probe, Workspace
 
 
@@ -32,14 +31,10 @@ def main() -> None:
     output = parser.parse_args().output
     output.mkdir(parents=True, exist_ok=True)
 
-    config = pipeline.RunConfig(prober="kinematic", touches=12)
-    scenario = pipeline.Scenario.from_config(config, shapes.build("mallet"))
-    known = replace(scenario.agent, policy=FromAbove)
-    exploration = pipeline.touch(replace(scenario, known=known))
+    exploration = explore("mallet", known=True, prober="kinematic", policy=FromAbove, touches=12)
     contacts = exploration.contacts
     contacts.save(output / "contacts.ply")
-    _, mesh = pipeline.estimate(known, contacts)
-    mesh.export(output / "surface.ply")
+    extract_mesh(estimate(contacts)).export(output / "surface.ply")
 
     low, high = 1e3 * contacts.bounds[:, 2]
     print(exploration.summary())

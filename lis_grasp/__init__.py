@@ -56,6 +56,7 @@ _HOMES = {
     "grasping.grasps": "Grasp GraspSearch",
     "grasping.sampler": "ForceClosureSampler",
     "meshing": "extract_mesh",
+    "pipeline": "",
     "pipeline.names_of_2": "RunConfig",
     "pipeline.direct": "explore lift plan run",
     "results.run_results": "Run",

@@ -2,6 +2,7 @@
 
 import inspect
 import re
+import subprocess
 import sys
 from dataclasses import fields, is_dataclass
 from importlib import import_module
@@ -280,6 +281,12 @@ def test_a_name_stands_for_an_object_or_is_answered() -> None:
 
 
 # ---------------------------------------------------------------- names
+
+
+def test_every_public_name_is_found_after_importing_the_package_alone() -> None:
+    program = "import lis_grasp\nfor name in lis_grasp.__all__: getattr(lis_grasp, name)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("package", [lis_grasp, pipeline, lis_grasp.surfaces, lis_grasp.drake])

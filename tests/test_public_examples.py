@@ -26,7 +26,7 @@ def _marked(name: str) -> object:
 
 
 # Packages of extras.
-_NEEDED = {"pipeline.label_file": "pyarrow", "pipeline.Bars": "tqdm"}
+_NEEDED = {"pipeline.Bars": "tqdm", "pipeline.label_file": "pyarrow"}
 
 
 @pytest.mark.parametrize("name", [_marked(name) for name in _NAMES if name not in _VALUES])

@@ -50,7 +50,7 @@ def lift_file(
     The motion of the first lift is written as motion.npz. The default of `folder` is that of the
     grasps. `best` is the number of grasps to lift with, `jobs` that of processes, by default one a
     core. The options are ``object``, ``size``, ``units``, ``up``, ``arm``, ``base``, ``mass``,
-    ``friction`` and ``simulator``, by default as recorded in the file, else as in `RunConfig`.
+    ``friction`` and ``simulator``, by default as recorded in the file, else as in `Task`.
 
     Raises `InvalidOptionError` if a value is out of range, or no object is given or recorded,
     `TypeError` for another option.

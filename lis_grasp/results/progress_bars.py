@@ -17,9 +17,7 @@ class Bars:
 
     Examples
     --------
-    >>> bars = pipeline.Bars()  # run("box", "wsg50", progress=bars)
-    >>> callable(bars.say)
-    True
+        >>> bars = pipeline.Bars()  # run("box", progress=bars) shows them
     """
 
     def __init__(self) -> None:

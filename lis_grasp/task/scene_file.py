@@ -74,9 +74,9 @@ def write_scene(task: Task, path: Path | str) -> None:
 
     Examples
     --------
-    >>> write_scene(Task.of("box", touches=12), "box.yaml")
-    >>> load_scene("box.yaml").decide.touches
-    12
+        >>> write_scene(Task.of("box", touches=20), "box.yaml")
+    >>> load_scene("box.yaml") == Task.of("box", touches=20)
+    True
     """
     path = Path(path)
     content = {part: _plain(getattr(task, part)) for part in PARTS} | {"seed": task.seed}
