@@ -17,7 +17,7 @@ class Bars:
 
     Examples
     --------
-        >>> bars = pipeline.Bars()  # run("box", progress=bars) shows them
+    >>> bars = pipeline.Bars()  # run("box", progress=bars) shows them
     """
 
     def __init__(self) -> None:

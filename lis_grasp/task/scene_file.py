@@ -74,7 +74,7 @@ def write_scene(task: Task, path: Path | str) -> None:
 
     Examples
     --------
-        >>> write_scene(Task.of("box", touches=20), "box.yaml")
+    >>> write_scene(Task.of("box", touches=20), "box.yaml")
     >>> load_scene("box.yaml") == Task.of("box", touches=20)
     True
     """
