@@ -11,7 +11,16 @@ import numpy as np
 
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import TactileSensor
-from lis_grasp.io.option import NOT_LARGE, at_least, named, option, place, record_of_options
+from lis_grasp.io.option import (
+    NOT_LARGE,
+    RATE,
+    at_least,
+    named,
+    option,
+    options_of,
+    place,
+    record_of_options,
+)
 from lis_grasp.io.yaml_files import YAML_SUFFIXES
 from lis_grasp.robots.shipped_models import arm_path, hand_path
 from lis_grasp.task.option_groups import ARM, SENSOR, TOUCHING
@@ -93,6 +102,20 @@ class Robot:
         "smallest force that the sensor detects, with `prober` dynamic", "force_threshold", "N"
     )
     taxel_pitch: float = _sensor("distance of the sensor's taxels", "taxel_pitch", "METRES")
+    miss_rate: float = option(
+        0.0,
+        "fraction of contacts that the sensor does not report",
+        SENSOR,
+        metavar="FRACTION",
+        check=RATE,
+    )
+    false_rate: float = option(
+        0.0,
+        "fraction of probes without a contact that report one, anywhere along the motion",
+        SENSOR,
+        metavar="FRACTION",
+        check=RATE,
+    )
 
     def __post_init__(self) -> None:
         if self.base is not None and self.arm is None:
@@ -101,4 +124,6 @@ class Robot:
     @property
     def sensor(self) -> TactileSensor:
         """The tactile sensor."""
-        return TactileSensor(**{name: getattr(self, name) for name in REAL_SENSOR})
+        record: Any = type(self)
+        names = [n for n, option in options_of(record).items() if option.group == SENSOR]
+        return TactileSensor(**{name: getattr(self, name) for name in names})
