@@ -40,14 +40,8 @@ def main() -> None:
     output.mkdir(parents=True, exist_ok=True)
 
     pentagon = shapes.build("pentagon")
-    exploration = explore(
-        pentagon,
-        known=True,  # its place and size
-        prober="kinematic",
-        estimator=NearestPlane,
-        policy="frontier",
-        touches=15,
-    )
+    how = {"known": True, "prober": "kinematic", "policy": "frontier", "touches": 15}
+    exploration = explore(pentagon, estimator=NearestPlane, **how)
     mesh = extract_mesh(NearestPlane(exploration.contacts))
     mesh.export(output / "surface.ply")
     near = 0.25 * pentagon.size
