@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration.probe import ProbeOutcome
+from lis_grasp.exploration.touch_detection import APPROACH_NOISE
 from lis_grasp.geometry import unit
 from lis_grasp.typing import FloatArray, Seed
 
 UNKNOWN = "unknown"
 """The link of a false touch."""
+
+REPORTS = ("normals", "touch")
+"""What a sensor reports of a contact: its normal, or that there is one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +40,14 @@ class TactileSensor:
         Fraction of contacts that are not reported.
     false_rate
         Fraction of probes without a contact that report one, anywhere along the motion.
+    reports
+        "normals", or "touch" for a switch, which reports only that there is a contact: its normal
+        is then taken to be against the probe's direction, with the noise of such normals.
 
     Raises
     ------
     InvalidOptionError
-        If a number is negative or not finite, or a rate above 1.
+        If a number is negative or not finite, a rate above 1, or `reports` is neither.
     """
 
     force_threshold: float = 0.0
@@ -48,6 +56,7 @@ class TactileSensor:
     taxel_pitch: float = 0.0
     miss_rate: float = 0.0
     false_rate: float = 0.0
+    reports: Literal["normals", "touch"] = "normals"
 
     def __post_init__(self) -> None:
         require_at_least(0, force_threshold=self.force_threshold, taxel_pitch=self.taxel_pitch)
@@ -56,6 +65,8 @@ class TactileSensor:
             value = getattr(self, name)
             if not 0.0 <= value <= 1.0:
                 raise InvalidOptionError.out_of_range(name, value, "from 0 to 1")
+        if self.reports not in REPORTS:
+            raise InvalidOptionError.not_one_of("reports", self.reports, REPORTS)
 
     @property
     def free_margin(self) -> float:
@@ -95,7 +106,10 @@ class TactileSensor:
         if len(reported):
             end = outcome.contacts[made:]
             end = self.sense(end, rng=rng) if len(end) else end
-            return replace(outcome, contacts=reported.append(end), slid=len(end))
+            contacts = reported.append(end)
+            if self.reports == "touch":
+                contacts = _against(contacts, outcome.probe.direction)
+            return replace(outcome, contacts=contacts, slid=len(end))
         # The hand stopped at a contact that it did not detect: the rest of its path is not free.
         reason = "stopped at an undetected contact"
         return replace(outcome, status="blocked", contacts=reported, reason=reason, slid=0)
@@ -129,6 +143,12 @@ class TactileSensor:
             free_points=outcome.free_points[passed],
             free_radii=outcome.free_radii[passed],
         )
+
+
+def _against(contacts: Contacts, direction: FloatArray) -> Contacts:
+    """Return contacts whose normals are taken to be against a direction (3,)."""
+    normals = np.tile(-direction, (len(contacts), 1))
+    return replace(contacts, normals=normals, normal_noise=np.full(len(contacts), APPROACH_NOISE))
 
 
 def _force_on_pad(contacts: Contacts) -> FloatArray:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cache, wraps
 from pathlib import Path
-from typing import Any, Protocol, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Protocol, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pydantic.dataclasses
@@ -126,6 +126,8 @@ def options_of(record: Any) -> dict[str, Option]:
 def kind_of(record: Any, name: str) -> type:
     """Return the type of an option's values beside None: str, bool, int, float or tuple."""
     hint = get_type_hints(record)[name]
+    if get_origin(hint) is Literal:
+        return type(get_args(hint)[0])
     kinds = get_args(hint) if type(None) in get_args(hint) or str in get_args(hint) else (hint,)
     return get_origin(kinds[0]) or kinds[0]
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import TactileSensor
+from lis_grasp.exploration.tactile_sensor import REPORTS
 from lis_grasp.io.option import (
     NOT_LARGE,
     RATE,
@@ -115,6 +116,13 @@ class Robot:
         SENSOR,
         metavar="FRACTION",
         check=RATE,
+    )
+
+    reports: Literal["normals", "touch"] = option(
+        "normals",
+        "what the sensor reports of a contact: its normal, or, as a switch does, that there is one",
+        SENSOR,
+        choices=REPORTS,
     )
 
     def __post_init__(self) -> None:

@@ -7,6 +7,8 @@ import lis_grasp as lg
 from lis_grasp.cli.main import build_parser
 from lis_grasp.cli.options import configure_touch
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration import TactileSensor
+from lis_grasp.exploration.touch_detection import APPROACH_NOISE
 from lis_grasp.io.option import options_of
 from lis_grasp.task.option_groups import SENSOR
 
@@ -42,3 +44,22 @@ def test_false_touches_are_where_the_hand_was() -> None:
     apart = np.abs(np.linalg.norm(explored.contacts.points - true.center_mass, axis=1))
     assert "missed" not in {outcome.status for outcome in explored.outcomes}
     assert np.all(apart < 0.3)
+
+
+def test_a_switch_reports_contacts_against_the_probe_with_the_noise_of_such_normals() -> None:
+    how = {"known": True, "prober": "kinematic", "touches": 10, "hand": "wsg50"}
+    explored, measured = (lg.explore("sphere", reports=r, **how) for r in ("touch", "normals"))
+    for outcome in explored.outcomes:
+        for normal in outcome.contacts.normals:
+            np.testing.assert_array_equal(normal, -outcome.probe.direction)
+    np.testing.assert_array_equal(explored.contacts.normal_noise, APPROACH_NOISE)
+    center = lg.shapes.find("sphere").mesh.center_mass
+    radius = np.linalg.norm(explored.contacts.points - center, axis=1)
+    expected = np.linalg.norm(measured.contacts.points - center, axis=1).mean()
+    np.testing.assert_allclose(radius, expected, rtol=0.01)  # points are measured as before
+    outward = (explored.contacts.points - center) / radius[:, None]
+    angles = np.arccos(np.sum(outward * explored.contacts.normals, axis=1).clip(-1.0, 1.0))
+    assert angles.max() > 1e-3  # a probe does not meet a ball along its normal
+    with pytest.raises(InvalidOptionError) as error:
+        TactileSensor(reports="forces")  # type: ignore[arg-type]
+    assert error.value.option == "reports"
