@@ -423,7 +423,7 @@ def test_the_command_prints_what_was_left_out(
         ("x,y,z,finger\n1,2,3,M\xfc\n".encode("latin-1"), "not UTF-8"),
         (b"x,y,z,pos_x\n1,2,3,4\n", "two columns for x: x and pos_x"),
         (b"x [mm],y [cm],z\n1,2,3\n", "in cm and mm"),
-        (b"x [km],y [km],z\n1,2,3\n", "in km"),
+        (b"x [km],y [km],z\n1,2,3\n", "km"),
         (b"x,y,z\nnan,nan,nan\n", "all 1 rows"),
     ],
 )
