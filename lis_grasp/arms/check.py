@@ -8,9 +8,10 @@ import numpy as np
 
 from lis_grasp.arms.collision import StationChecker
 from lis_grasp.arms.mounted_hand import CLEARANCE, mount_of
-from lis_grasp.arms.placement import REGION, choose_base, home_of, palm_targets, reach_fraction
+from lis_grasp.arms.placement import choose_base, home_of, palm_targets, reach_fraction
 from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import LisGraspError
+from lis_grasp.exploration.region import DEFAULT_REGION
 from lis_grasp.geometry import apply_pose, cross, inverse_pose, rotate
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.arm_defaults import BEYOND
@@ -127,7 +128,7 @@ def _home(station: Station) -> Iterator[Finding]:
 def _reach(station: Station) -> Iterator[Finding]:
     fraction = reach_fraction(station)
     place = ", ".join(f"{x:.2f}" for x in station.X_WA[:3, 3])
-    size = " x ".join(f"{100 * side:g}" for side in REGION)
+    size = " x ".join(f"{100 * side:g}" for side in DEFAULT_REGION)
     text = (
         f"from its base at ({place}) the hand reaches {100 * fraction:.0f} % of places and"
         f" directions of {size} cm on the table"
@@ -138,7 +139,7 @@ def _reach(station: Station) -> Iterator[Finding]:
 
 def _efforts(station: Station) -> Iterator[Finding]:
     arm = station.arm
-    targets = palm_targets(station.hand, np.zeros(3), REGION, each=3)[:, 0]
+    targets = palm_targets(station.hand, np.zeros(3), DEFAULT_REGION, each=3)[:, 0]
     solutions = station.solve_ik(targets, seeds=4, first=arm.home)
     q = solutions.q[solutions.solved]
     used = np.abs(gravity_efforts(station, q, load=OBJECT_MASS)) / arm.effort_limits

@@ -8,14 +8,12 @@ from lis_grasp.arms.collision import StationChecker
 from lis_grasp.arms.reach import KEPT, SEEDS, best_solutions, track
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.exceptions import InvalidArmError
+from lis_grasp.exploration.region import DEFAULT_REGION
 from lis_grasp.geometry import cross, make_pose, rotate, tangent_frame, unit
 from lis_grasp.grasping.grasps import STANDOFF
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import BoolArray, FloatArray
-
-REGION = (0.4, 0.4, 0.3)
-"""Lengths of the box in which an arm is to reach [m], along x, y and z above the table."""
 
 # Candidates: distance from the region's middle as a fraction of the arm's reach, and height of the
 # base above the table [m]. The arm faces the region.
@@ -32,7 +30,7 @@ _HEIGHTS = (0.35, 0.45, 0.3, 0.55)
 
 
 def choose_base(arm: Arm, hand: Hand, *, table: Table | None = None) -> Station:
-    """Return the station whose base reaches the most poses of the hand in `REGION`, straight.
+    """Return the station whose base reaches the most poses of the hand in a region, straight.
 
     The base is on the table, or on a pedestal on it; the region is above the table's middle.
     """
@@ -46,7 +44,7 @@ def best_bases(arm: Arm, hand: Hand, *, table: Table | None = None) -> list[Stat
     """
     table = Table() if table is None else table
     start = Station.make(arm, hand, _base(table, 0.0, 0.0), table=table)
-    targets = palm_targets(hand, _middle(table), REGION, each=2)
+    targets = palm_targets(hand, _middle(table), DEFAULT_REGION, each=2)
     reach = arm.kinematics.reach(arm.ik.postures)[1]
     stations = [
         start.moved(_base(table, distance * reach, pedestal))
@@ -58,14 +56,16 @@ def best_bases(arm: Arm, hand: Hand, *, table: Table | None = None) -> list[Stat
 
 
 def reach_fraction(station: Station) -> float:
-    """Return the fraction of places and directions in `REGION` that the hand reaches straight.
+    """Return the fraction of places and directions in a region that the hand reaches straight.
 
     Places are a grid of four points along each axis; at each the hand points down and obliquely,
     from all sides. One of two turns about its direction has to be reached, with a straight approach
     of 12 cm, within joint limits. Collisions are not checked.
     """
     center = _middle(station.table or Table())
-    return float(reached(station, palm_targets(station.hand, center, REGION, each=4)).mean())
+    return float(
+        reached(station, palm_targets(station.hand, center, DEFAULT_REGION, each=4)).mean()
+    )
 
 
 def palm_targets(

@@ -20,6 +20,7 @@ from lis_grasp.drake.surface_estimator import Estimate
 from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.exploration import (
     GENTLE_SPEED,
+    MOST_BLOCKED,
     Exploration,
     ExplorationState,
     ExplorationStrategy,
@@ -44,9 +45,6 @@ from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
 from lis_grasp.simulation.drake.plant_parts import numbers_of, pose_of, require_type, wrong_type
 from lis_grasp.stages.touch import make_policy
 from lis_grasp.typing import FloatArray
-
-# Largest number of probes without a way that one update skips.
-_PASSED_OVER = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -243,7 +241,7 @@ class HapticExplorer(LeafSystem):
         elif before.probe is not None:
             explored = advance(perception, explored, self._outcome(before, contacts, now))
         progress = replace(before, phase="begin", touched=None, probe=None)
-        for _ in range(_PASSED_OVER):
+        for _ in range(MOST_BLOCKED):
             draws = np.random.SeedSequence(self._seed, spawn_key=(len(explored.observations),))
             chosen = choose(strategy, explored, rng=np.random.default_rng(draws))
             if isinstance(chosen, str):

@@ -26,7 +26,7 @@ from lis_grasp.exploration.stopping import (
     stop_when_covered,
     stop_when_graspable,
 )
-from lis_grasp.exploration.strategy import ExplorationStrategy, choose
+from lis_grasp.exploration.strategy import MOST_BLOCKED, ExplorationStrategy, choose
 from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.touch_log import LoggedProbe, TouchLog, load_observations, load_outcomes
 from lis_grasp.exploration.workspace import STEP_FRACTION, ObstacleModel, Workspace
@@ -34,6 +34,7 @@ from lis_grasp.exploration.workspace import STEP_FRACTION, ObstacleModel, Worksp
 __all__ = [
     "DEFAULT_REGION",
     "GENTLE_SPEED",
+    "MOST_BLOCKED",
     "POLICIES",
     "STEP_FRACTION",
     "Exploration",

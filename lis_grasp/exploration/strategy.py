@@ -19,7 +19,10 @@ from lis_grasp.records import short_repr
 from lis_grasp.underflow import underflows
 
 # An exploration gives up after this many probes for each touch, and these on top.
-_PROBES_PER_TOUCH, _SPARE_PROBES = 4, 20
+PROBES_PER_TOUCH, _SPARE_PROBES = 4, 20
+
+MOST_BLOCKED = 20
+"""Probes that cannot be approached, before the search for one is given up."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +123,7 @@ def _reason_to_end(strategy: ExplorationStrategy, state: ExplorationState) -> st
             slid = len(state.contacts) - made
             more = f" and {slid} at ends of slides" if slid else ""
             return f"{counted(made, 'contact')}{more} made{_not_found(strategy, state)}"
-        if probes >= _PROBES_PER_TOUCH * strategy.touches + _SPARE_PROBES:
+        if probes >= PROBES_PER_TOUCH * strategy.touches + _SPARE_PROBES:
             return f"{counted(probes, 'probe')} made{_not_found(strategy, state)}"
     if state.surface is not None and not sought_ends(strategy, state):
         for rule in state.rules:

@@ -21,8 +21,8 @@ from lis_grasp.exceptions import InvalidOptionError
 Check = Callable[[str, Any], Any]
 """Returns the value to keep of an option's name and value, or raises `InvalidOptionError`."""
 
-# Beyond this a number of an option is damage, whatever its unit.
-_LARGEST = 1e9
+LARGEST_NUMBER = 1e9
+"""Beyond this a number of an option, or of a log, is damage, whatever its unit."""
 
 _REQUIRED: Mapping[type, str] = {
     str: "a text that is not empty",
@@ -161,7 +161,7 @@ def within(required: str, is_within: Callable[[Any], bool]) -> Check:
     return check
 
 
-POSITIVE = within("above 0 and finite", lambda value: 0 < value <= _LARGEST)
+POSITIVE = within("above 0 and finite", lambda value: 0 < value <= LARGEST_NUMBER)
 PROBABILITY = within("above 0 and below 1", lambda value: 0 < value < 1)
 NOT_LARGE = within("at least 0 and at most 1 m", lambda value: 0 <= value <= 1)
 FRACTION = within("above 0 and at most 1", lambda value: 0 < value <= 1)

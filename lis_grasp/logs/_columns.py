@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
+from scipy.constants import nano
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidFileError
@@ -65,7 +66,6 @@ _AXIS = re.compile(rf"{_START}(?P<kind>{_either(_KIND)})?[./_ ]?(?P<axis>[xyzw])
 _TURN = re.compile(rf"{_START}(?P<turn>roll|pitch|yaw|q[0-9])")
 _WHOLE = re.compile(r"(?:.*[./])?secs?")
 _REST = re.compile(r"(?:.*[./])?(?:nsecs?|nanosecs?)")
-_NANO = 1e-9
 _UNITS = {**dict.fromkeys("xyz", UNITS), **dict.fromkeys(("fx", "fy", "fz", "force"), NEWTONS)}
 _TURNED = 2.0 * math.pi + 1e-6  # [rad] beyond which an angle is in degrees
 
@@ -173,11 +173,11 @@ def read_columns(path: Path) -> LogColumns:
                 path=path,
             )
         units = SECONDS if key[1] == "time" else _UNITS.get(key[1], ANGLES)
-        factor = _NANO if text == "%time" else factor_of(path, title, unit, units)
+        factor = nano if text == "%time" else factor_of(path, title, unit, units)
         values[key], titles[key] = column_numbers(path, rows, k, title) * factor, title
     if stamp:
         seconds, rest = (column_numbers(path, rows, k, names[k]) for k in stamp)
-        values["", "time"] = seconds + _NANO * rest
+        values["", "time"] = seconds + nano * rest
         titles["", "time"] = " and ".join(names[k] for k in stamp)
     unused += _of_joints(values, titles)
     columns = LogColumns(path, values, titles, tuple(unused))

@@ -15,10 +15,10 @@ from lis_grasp.exploration.touch_detection import (
 )
 from lis_grasp.io.units import LARGEST
 from lis_grasp.logs.readers import RobotLog
+from lis_grasp.surfaces.contact_places import SMALLEST
 from lis_grasp.typing import FloatArray
 
 _SURE = 3.0  # standard deviations of a mean beyond which a difference is no chance
-_ROUNDING = 1e-12  # [m]
 _FEWEST = 3  # touches that are compared
 
 
@@ -28,7 +28,7 @@ def require_places(places: FloatArray, advice: str) -> None:
     `places` are (N, 3) [m], one of each touch.
     """
     extent = float(np.ptp(places, axis=0).max()) if len(places) > 1 else 1.0
-    if extent <= _ROUNDING:
+    if extent <= SMALLEST:
         raise InvalidInputError(
             f"all {len(places)} touches are at one place: the poses do not change with time;"
             " check their topic and its times"

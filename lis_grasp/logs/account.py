@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from lis_grasp.exceptions import listed
 from lis_grasp.logs.readers import RobotLog
-
-_MOST_NAMED = 12  # topics or columns that a line names
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +26,7 @@ class LogAccount:
 
     def __str__(self) -> str:
         """Return one line."""
-        named = ", ".join(self.unused[:_MOST_NAMED])
-        more = len(self.unused) - _MOST_NAMED
-        rest = f"; not used: {named}{f' and {more} more' if more > 0 else ''}"
+        rest = f"; not used: {listed(self.unused)}"
         return f"used: {'; '.join(self.used)}{rest if self.unused else ''}"
 
 

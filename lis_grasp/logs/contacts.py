@@ -17,7 +17,7 @@ from lis_grasp.exploration.touch_detection import (
     detect_touches,
 )
 from lis_grasp.geometry import apply_pose, inverse_pose
-from lis_grasp.io.option import at_least, option, place, record_of_options
+from lis_grasp.io.option import LARGEST_NUMBER, at_least, option, place, record_of_options
 from lis_grasp.logs._doubts import (
     question_directions,
     question_force_frame,
@@ -28,8 +28,6 @@ from lis_grasp.logs._streams import LONGEST_GAP, Content, FrameTree, TimedForces
 from lis_grasp.logs.readers import RobotLog
 from lis_grasp.logs.reading import TOPICS
 from lis_grasp.typing import FloatArray
-
-_LARGEST_FORCE = 1e9  # [N]
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +179,7 @@ def _touches(
 ) -> Touches:
     topic = choose_topic(log, "force", finger.force, "force")
     measured = log.forces(topic)
-    valid = np.all(np.abs(measured.forces) < _LARGEST_FORCE, axis=1)  # False for NaN
+    valid = np.all(np.abs(measured.forces) < LARGEST_NUMBER, axis=1)  # False for NaN
     valid &= np.isfinite(measured.times)
     if not valid.any():
         raise InvalidInputError("the topic of the force has no messages: choose another")

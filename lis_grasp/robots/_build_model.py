@@ -39,6 +39,7 @@ from lis_grasp.robots.robot_model import (
     LinkVisual,
     RobotModel,
 )
+from lis_grasp.robots.schema import UNLIMITED
 from lis_grasp.shapes.solids import convex_parts
 from lis_grasp.typing import FloatArray
 
@@ -51,7 +52,6 @@ _JOINT_KINDS: Mapping[str, JointKind] = {
 # A concave mesh: largest number of convex parts, and of voxels of their search.
 _MOST_PARTS, _VOXELS = 6, 50_000
 
-_HEAVIEST = 1e6  # [kg] or [kg m^2]
 # A robot's longest body [m], and its joints' offsets: beyond it a unit is mistaken.
 _SMALLEST_BODY, _LARGEST_BODY = 0.001, 3.0
 
@@ -356,7 +356,7 @@ def link_inertial(link: Any) -> Inertial:
         return Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
     mass = float(inertial.mass)
     inertia = np.zeros((3, 3)) if inertial.inertia is None else np.asarray(inertial.inertia)
-    if not (0.0 <= mass <= _HEAVIEST and np.all(np.abs(inertia) <= _HEAVIEST)):
+    if not (0.0 <= mass <= UNLIMITED and np.all(np.abs(inertia) <= UNLIMITED)):
         raise InvalidHandError(
             f"link '{link.name}' must have a mass of at least 0 and finite moments of inertia"
             f" [kg, m]; its mass is {mass}"

@@ -19,10 +19,9 @@ from lis_grasp.geometry import make_pose, unit
 from lis_grasp.robots._mjcf_reader import parse_mjcf
 from lis_grasp.robots._sdf import parse_sdf
 from lis_grasp.robots._urdf import parse_urdf, parse_xml
+from lis_grasp.robots.schema import UNLIMITED
 
 _DRAKE = "{http://drake.mit.edu}"
-# Numbers from here on mean "no limit".
-_UNLIMITED = 1e6
 
 
 def parse_description(path: Path) -> yourdfpy.Robot:
@@ -226,7 +225,7 @@ def _of_sdf(root: ET.Element, found: Mapping[str, dict[str, float | None]]) -> N
 def _limit(text: str | None) -> float | None:
     """Return a limit above 0; None where there is none."""
     limit = _number(text, at_least=0.0)
-    return limit if limit is not None and 0.0 < limit < _UNLIMITED else None
+    return limit if limit is not None and 0.0 < limit < UNLIMITED else None
 
 
 def _number(text: str | None, *, at_least: float) -> float | None:

@@ -15,11 +15,11 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.inertias import RULE, impossible_inertias
 from lis_grasp.robots.link_bodies import points_of_bodies
 from lis_grasp.robots.robot_model import Pad, ProbePosture, RobotModel
+from lis_grasp.robots.schema import FEW_DIGITS
 from lis_grasp.typing import FloatArray
 
 # A pad counts as covered by its link where the link is further out by more than this [m].
 _PAD_COVERED = 0.002
-_ROUNDING = 1e-4  # of a position that is written with few digits [m]
 # Largest effort of a hand's joint: N m of one that turns, N of one that slides.
 _MOST_EFFORT = {"revolute": 100.0, "continuous": 100.0, "prismatic": 2000.0}
 # Postures sampled between the joints' limits; a fixed seed, as no result depends on the draw much.
@@ -181,7 +181,7 @@ def _probe_postures(hand: Hand) -> Iterator[Finding]:
     for finger, posture in hand.probe_postures.items():
         lead, rival = _lead(hand, posture)
         own = hand.link_fingers.get(rival) == finger
-        if lead < -_ROUNDING:
+        if lead < -FEW_DIGITS:
             text = (
                 f"{rival} is {-1e3 * lead:.0f} mm ahead of the tip's sphere: change direction,"
                 " positions or tip"
@@ -193,7 +193,7 @@ def _probe_postures(hand: Hand) -> Iterator[Finding]:
             )
         else:
             text = f"the tip is {1e3 * lead:.0f} mm ahead of {rival}"
-        fine = lead >= (-_ROUNDING if own else _LEAD)
+        fine = lead >= (-FEW_DIGITS if own else _LEAD)
         yield Finding(fine, f"in probe posture {finger}, {text}")
 
 
@@ -236,7 +236,7 @@ def _lead(hand: Hand, posture: ProbePosture) -> tuple[float, str]:
     others = [link for link in ahead if link not in own]
     rival = max(others or ahead, key=lambda link: ahead[link])
     worst_own = max(own, key=lambda link: ahead[link], default=rival)
-    if ahead[worst_own] > front + _ROUNDING:
+    if ahead[worst_own] > front + FEW_DIGITS:
         rival = worst_own
     return front - ahead[rival], rival
 

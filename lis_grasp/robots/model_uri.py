@@ -10,14 +10,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import unquote
 
-from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.exceptions import InvalidFileError, listed
 
 LISTS = ("LIS_GRASP_MODELS", "ROS_PACKAGE_PATH")
 """Environment variables that list folders with packages of models."""
 
 _DEPTH = 4  # folders above a file in which the root of its package may be
 _BELOW = 3  # folders below a listed one in which a package may be
-_NAMED = 3  # places that a message names
 # xacro's $(find NAME) is the folder of a package, and SDF's models are found like packages.
 _PACKAGE = re.compile(
     r"((package|model)://(?P<name>[^/]+)|\$\(find\s+(?P<found>[^)]+?)\s*\))/*(?P<inside>.*)",
@@ -95,9 +94,9 @@ def _not_found(uri: str, candidates: Sequence[Path], folder: Path) -> str:
             f"{uri} was not found, since no folder '{name}' is above {here} or in a listed one:"
             f" list the folder that holds '{name}' in {' or '.join(LISTS)}"
         )
-    tried = ", ".join(dict.fromkeys(str(candidate) for candidate in candidates[:_NAMED]))
+    tried = listed([*dict.fromkeys(str(candidate) for candidate in candidates)])
     return (
-        f"{uri} was not found; tried first {tried}: folders that hold packages are listed in"
+        f"{uri} was not found; tried {tried}: folders that hold packages are listed in"
         f" {' or '.join(LISTS)}"
     )
 

@@ -9,8 +9,11 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from lis_grasp.robots.robot_model import GraspFamily, HandKind
 
-# No length, angle or force of a hand is larger [m, rad, N].
-_LARGEST = 1e6
+FEW_DIGITS = 1e-4
+"""Error of a number that is written with few digits [rad or m]."""
+
+UNLIMITED = 1e6
+"""No length, angle, force or mass of a robot is larger [m, rad, N, kg]; a limit of it is none."""
 
 
 def _not_zero(vector: list[float]) -> list[float]:
@@ -20,8 +23,8 @@ def _not_zero(vector: list[float]) -> list[float]:
 
 
 Name = Annotated[str, Field(min_length=1)]
-Number = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]
-Positive = Annotated[float, Field(gt=0.0, le=_LARGEST)]
+Number = Annotated[float, Field(ge=-UNLIMITED, le=UNLIMITED)]
+Positive = Annotated[float, Field(gt=0.0, le=UNLIMITED)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Direction = Annotated[Vector, AfterValidator(_not_zero)]
 
@@ -49,7 +52,7 @@ class PadEntry(_Record):
 
     link: Name = Field(description="The link that carries the pad.")
     center: Vector = Field(description="Centre of the sphere or the flat face, in the link [m].")
-    radius: float = Field(ge=0.0, le=_LARGEST, description="Of the sphere [m]; 0: a flat face.")
+    radius: float = Field(ge=0.0, le=UNLIMITED, description="Of the sphere [m]; 0: a flat face.")
     axis: Direction = Field(description="Outward direction at the middle of the pad, in the link.")
     half_angle: float = Field(
         gt=0.0, le=np.pi, description="The pad covers directions within this angle of axis [rad]."

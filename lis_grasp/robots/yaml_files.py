@@ -42,12 +42,9 @@ from lis_grasp.robots.robot_model import (
     by_joint_kind,
     rpy_pose,
 )
-from lis_grasp.robots.schema import ArmEntry, HandEntry
+from lis_grasp.robots.schema import FEW_DIGITS, ArmEntry, HandEntry
 from lis_grasp.robots.shipped_models import arm_path, hand_path
 from lis_grasp.typing import FloatArray
-
-# A posture may be this far outside the limits [rad or m]: numbers are written with few digits.
-_LIMIT_TOLERANCE = 1e-4
 
 # Where a file gives no limits: a slow arm's speed [rad/s, m/s], reached in this time [s].
 _SPEED: Mapping[str, float] = {"revolute": 1.0, "prismatic": 0.25}
@@ -144,7 +141,7 @@ class _Checks:
 
     def posture(self, key: str, values: Sequence[float]) -> FloatArray:
         model, positions = self.model, self.per_joint(key, values)
-        low, high = model.lower - _LIMIT_TOLERANCE, model.upper + _LIMIT_TOLERANCE
+        low, high = model.lower - FEW_DIGITS, model.upper + FEW_DIGITS
         for j in np.flatnonzero((positions < low) | (positions > high)):
             self.fail(
                 key,

@@ -24,7 +24,7 @@ from lis_grasp.exploration import (
     begin,
     choose,
 )
-from lis_grasp.exploration.strategy import sought_ends
+from lis_grasp.exploration.strategy import MOST_BLOCKED, sought_ends
 from lis_grasp.probing.approach_planner import NO_FREE_APPROACH, Approach, ApproachPlanner
 from lis_grasp.robots.hand import Hand
 from lis_grasp.stages.agent import Agent
@@ -34,8 +34,6 @@ from lis_grasp.task.task import plain_value
 NO_TABLE = "no table is known"
 """Start of warnings of a table that is assumed."""
 
-# Probes that cannot be approached, before the search is given up.
-_MOST_BLOCKED = 20
 # Size of an object in extents of its contacts, if it is not given.
 _BEYOND_CONTACTS = 1.2
 
@@ -202,7 +200,7 @@ def next_touch_after(
     planner = ApproachPlanner(hand, obstacles=agent.keep_out)
     rng.spawn(len(state.observations) or len(state.prior))  # the generators of the probes so far
     blocked = 0
-    while blocked < _MOST_BLOCKED:
+    while blocked < MOST_BLOCKED:
         chosen = choose(strategy, state, rng=rng.spawn(1)[0])
         if isinstance(chosen, str) or chosen.obstacles is None:
             break

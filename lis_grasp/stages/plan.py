@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
@@ -14,8 +13,8 @@ from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.estimate import SurfaceEstimate
 from lis_grasp.stages.load import KnownLoad
+from lis_grasp.stages.random_streams import Stream
 
-_GRASP_STREAM = 2  # of random numbers: a stage that runs alone repeats its part of a whole run
 _FEW_SETS = 400  # contact sets sampled to predict a success during an exploration
 
 
@@ -36,7 +35,7 @@ def plan_grasps(
     sampler = ForceClosureSampler(
         agent.hand, load, candidates=candidates, station=agent.station, obstacles=agent.keep_out
     )
-    rng = np.random.default_rng([agent.seed, _GRASP_STREAM])
+    rng = Stream.GRASP.rng(agent.seed)
     height, count = agent.support_height, agent.decide.grasps
     return sampler.sample(mesh, rng=rng, support_height=height, count=count)
 

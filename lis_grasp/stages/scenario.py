@@ -17,11 +17,10 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import NAMES, STABLE, UPRIGHT, Shape, default_mass, draw_pose, find, placed
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.configured_arm import station_facts
+from lis_grasp.stages.random_streams import Stream
 from lis_grasp.task.task import Task
 from lis_grasp.task.world import World
 from lis_grasp.typing import FloatArray
-
-_PLACE_STREAM = 3  # of random numbers, apart from those of the stages
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
@@ -180,7 +179,7 @@ def place_object(shape: Shape, task: Task) -> tuple[Shape, FloatArray]:
             " `pose` in a file, with the cloud in the frame of the table, or no pose and no region",
             option="cloud",
         )
-    rng = np.random.default_rng([task.seed, _PLACE_STREAM])
+    rng = Stream.PLACE.rng(task.seed)
     X_WO = draw_pose(shape, pose, task.known.region or DEFAULT_REGION, rng=rng)
     return placed(shape, X_WO), X_WO
 

@@ -40,11 +40,9 @@ from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.contact_sources import prior_contacts
 from lis_grasp.stages.estimate import Perception, SurfaceEstimate
 from lis_grasp.stages.plan import closure_probability
+from lis_grasp.stages.random_streams import Stream
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.typing import FloatArray, IndexArray
-
-# Streams of random numbers: a stage that runs alone repeats its part of a whole run.
-_TOUCH_STREAM = 1
 
 
 def touch(
@@ -123,7 +121,7 @@ def make_strategy(agent: Agent) -> ExplorationStrategy:
 
 def exploration_rng(agent: Agent) -> np.random.Generator:
     """Return the generator of an exploration; each probe draws from one that it spawns."""
-    return np.random.default_rng([agent.seed, _TOUCH_STREAM])
+    return Stream.TOUCH.rng(agent.seed)
 
 
 def stop_rules(agent: Agent) -> list[StopRule]:

@@ -18,6 +18,7 @@ from lis_grasp.exploration import (
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.pose_tracking import doubted
 from lis_grasp.exploration.probe_motions import surface_probe
+from lis_grasp.exploration.strategy import PROBES_PER_TOUCH
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.stages.touch import (
     exploration_rng,
@@ -29,10 +30,6 @@ from lis_grasp.stages.touch import (
 
 # Touches that a failed attempt is followed by, beside those that find the object again.
 _MORE_TOUCHES = 4
-
-
-# Probes without a result for each of these touches, before they are given up.
-_PROBES_PER_TOUCH = 4
 
 
 # Known contacts that may be touched again to find the object.
@@ -96,7 +93,7 @@ def touch_more(
                 wanted, lost = (touches if last.is_lost else 0), last.is_lost
         in_doubt = state.belief is not None and state.belief.trust == "doubted"
         made = len(state.contacts) >= wanted and not in_doubt
-        if made or probes >= _PROBES_PER_TOUCH * (touches if lost else 2 * _MORE_TOUCHES):
+        if made or probes >= PROBES_PER_TOUCH * (touches if lost else 2 * _MORE_TOUCHES):
             break
     X_EF = np.eye(4) if state.belief is None else state.belief.X_WE
     scenario, found = scenario.after(state.result, true_pose(prober)), state.known

@@ -1,0 +1,19 @@
+"""Streams of random numbers: a stage that runs alone repeats its part of a whole run."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+
+
+class Stream(IntEnum):
+    """What random numbers are drawn for; each draws from a stream of its own."""
+
+    TOUCH = 1
+    GRASP = 2
+    PLACE = 3
+
+    def rng(self, seed: int) -> np.random.Generator:
+        """Return the generator of the stream for a seed."""
+        return np.random.default_rng([seed, int(self)])
