@@ -17,7 +17,7 @@ T = TypeVar("T")
 class DeferredEstimate(DeferredSurface):
     """Surface that guides touches: estimated at the first use, and kept while few contacts come.
 
-    What is derived from it for each touch, the free space of its contacts too, is computed once.
+    Values derived from it, such as the free space of its contacts, are computed once.
 
     Parameters
     ----------
@@ -38,13 +38,13 @@ class DeferredEstimate(DeferredSurface):
 
     @classmethod
     def of(cls, surface: ImplicitSurface, contacts: Contacts) -> DeferredEstimate:
-        """Return a surface that is one; any other is estimated from the contacts."""
+        """Return the surface itself if it is deferred, else as the estimate of the contacts."""
         return (
             surface if isinstance(surface, DeferredEstimate) else cls(lambda _: surface, contacts)
         )
 
     def derived(self, name: str, key: Hashable, make: Callable[[], T]) -> T:
-        """Return what a function makes of the estimate, made once while its key is the same."""
+        """Return a value derived from the estimate; make it again only when its key changes."""
         if name not in self._derived or self._derived[name][0] != key:
             self._derived[name] = key, make()
         return cast(T, self._derived[name][1])
@@ -58,7 +58,7 @@ class DeferredEstimate(DeferredSurface):
         return carved(self._carved, self.later(contacts), margin=self.margin)
 
     def later(self, contacts: Contacts) -> Contacts:
-        """Return the contacts so far, with the free space alone that came after the estimate."""
+        """Return the contacts so far, but only the free space found after the estimate."""
         known = len(self.contacts.free_points)
         return replace(
             contacts,

@@ -14,25 +14,26 @@ from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import unit
 from lis_grasp.typing import FloatArray
 
-# Motions to an end begin so far beyond the extreme contact [m], the next ones if that is blocked.
+# Motions to an end begin this far beyond the extreme contact [m]; the next value if blocked.
 _BEYOND = (0.1, 0.2, 0.35)
-# Motions to an end, and probes after the first contact, before the extent is given up.
+# Most motions to an end, and most probes after the first contact, before the search ends.
 _TRIES, _MOST = 3, 12
-# A contact within so many steps of the extreme closes an end if its normal faces out like this.
+# A contact closes an end within this many steps of the extreme, if its normal's cosine to the
+# outward direction is at least this.
 _NEAR, _FACES_OUT = 0.35, float(np.sqrt(0.5))
-# Cosine of directions along an end's (15 degrees), and sine across it.
+# A direction is along an end's within 15 degrees: least cosine along it, largest sine across it.
 _ALONG, _ACROSS = float(np.cos(np.radians(15.0))), float(np.sin(np.radians(15.0)))
-# Contacts that are so many times as long as wide show the axes; fewer do by their normals.
+# Contacts show the axes by their extents if at least this ratio long, else by their normals.
 _ELONGATED = 2.0
-# The ends of what is so many times as long as wide are passed by a sweep across.
+# Sweeps across pass the ends of an object of at least this ratio of length to width.
 _LONG = 1.5
-# A sweep passes an end at this distance [m] and so many widths more, and is longer on each side.
+# A sweep passes an end at this distance [m], plus this many widths, and is longer on each side.
 _PASS, _OBLIQUE, _MARGIN = 0.02, 0.15, 0.03
 # Beyond a closed end, space is free at this distance from the extreme contact [m].
 _CLEAR = 3e-3
-# Displacement of the centre of mass by an unseen end, in lengths of what is known.
+# Displacement of the centre of mass by an unseen end, in known lengths of the object.
 _CONTINUES = 0.25
-# The first motion down is so far inside of the first contact [m].
+# The first motion down is this far inside of the first contact [m].
 _INSIDE = 0.012
 
 
@@ -58,12 +59,12 @@ class End:
 
     @property
     def tried(self) -> list[ProbeOutcome]:
-        """Outcomes of motions inward."""
+        """Outcomes of inward motions."""
         return [o for o in self.outcomes if self._is_inward(o.probe)]
 
     @property
     def touched(self) -> list[Landmark]:
-        """Landmarks that motions inward touch."""
+        """Landmarks that inward motions touch."""
         return [landmark for landmark in self.landmarks if self._is_inward(landmark.probe)]
 
     def _is_inward(self, probe: Probe) -> bool:
@@ -71,13 +72,13 @@ class End:
 
     @property
     def met(self) -> list[ProbeStatus]:
-        """What motions inward meet: first landmarks, then what they met when they were made."""
+        """What inward motions meet: first landmarks, then their statuses when they were made."""
         statuses: list[ProbeStatus] = ["touched" for _ in self.touched]
         return statuses + [outcome.status for outcome in self.tried]
 
     @property
     def is_open(self) -> bool:
-        """Whether it is not closed, and tries are left."""
+        """Whether the end is not closed, and tries are left."""
         return len(self.met) < _TRIES and not self.is_closed
 
     @property
@@ -100,9 +101,9 @@ class End:
 
     @property
     def displacement(self) -> FloatArray:
-        """By how much it displaces the centre of mass if it is unseen, shape (3,) [m].
+        """Displacement of the centre of mass by the end if it is unseen, shape (3,) [m].
 
-        What continues may be half as long as what is known: one standard deviation.
+        The unseen part may be half as long as the known one: one standard deviation.
         """
         return np.asarray(_CONTINUES * float(np.ptp(self.contacts.points @ self.out)) * self.out)
 
@@ -112,7 +113,7 @@ class End:
 
     @property
     def is_passed(self) -> bool:
-        """Whether a level motion across passed the end, or met what is beyond."""
+        """Whether a level motion across passed the end, or met something beyond it."""
         place = float(self.extreme @ self.out)
         return any(
             o.probe.direction[2] == 0.0
@@ -122,7 +123,7 @@ class End:
         )
 
     def inward(self) -> Probe:
-        """Return a level motion to the end, from outside, along the middle of what is known."""
+        """Return a level motion to the end, from outside, along the middle of the known part."""
         places, extreme = self.contacts.points @ self.across, self.extreme
         middle = 0.5 * float(places.min() + places.max())
         height = 0.5 * float(self.contacts.points[:, 2].max())
@@ -136,7 +137,7 @@ class End:
         return Probe(self._place(0.0, middle, height), -self.out, beyond, inside)
 
     def sweep(self) -> Probe:
-        """Return a level motion across, beyond the end, which meets what continues there."""
+        """Return a level motion across, beyond the end, which meets any continuation."""
         places = self.contacts.points @ self.across
         half = 0.5 * float(np.ptp(places))
         beyond = self.space.tip_radius + _PASS + 2.0 * _OBLIQUE * half
@@ -158,7 +159,7 @@ def ends_of(
 ) -> tuple[End, ...]:
     """Return the four level ends: both along an axis, then both across it.
 
-    `contacts`, at least one, are those of the outcomes since the first contact, and of landmarks.
+    `contacts`, at least one, come from the outcomes since the first contact, and from landmarks.
     """
     made = np.flatnonzero(are_touches(contacts, outcomes))
     along = _level_axis(contacts.subset(made) if len(made) else contacts)
@@ -168,7 +169,7 @@ def ends_of(
 
 
 def since_first_contact(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:
-    """Return the outcomes from the one on that made the first contact; empty if none did."""
+    """Return the outcomes from the first contact on; empty without a contact."""
     first = next((k for k, outcome in enumerate(outcomes) if len(outcome.contacts)), None)
     return () if first is None else outcomes[first:]
 
@@ -176,7 +177,7 @@ def since_first_contact(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutco
 def open_ends(space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> str:
     """Return in words which ends of an object on a table are still sought; empty if none.
 
-    `contacts` are those of the outcomes.
+    `contacts` come from the outcomes.
     """
     since = since_first_contact(outcomes)
     if not since or not len(contacts) or len(since) >= _MOST:
@@ -185,10 +186,10 @@ def open_ends(space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOutc
 
 
 def free_beyond(space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> Contacts:
-    """Return what is free beyond closed ends: no contacts, but balls as large as half-spaces.
+    """Return the free space beyond closed ends: balls as large as half-spaces, no contacts.
 
     Only ends that an inward motion touched count: the normal of a shoulder faces out, too.
-    Arguments are those of `open_ends`.
+    For the arguments see `open_ends`.
     """
     ends = ends_of(space, contacts, since_first_contact(outcomes)) if len(contacts) else ()
     closed = [end for end in ends if end.is_closed and any(len(o.contacts) for o in end.tried)]
@@ -198,7 +199,7 @@ def free_beyond(space: Workspace, contacts: Contacts, outcomes: Sequence[ProbeOu
 
 
 def unseen_ends(space: Workspace, contacts: Contacts) -> tuple[End, ...]:
-    """Return the ends that no contact closes, and beyond which no free space is known."""
+    """Return the ends that neither a contact nor known free space closes."""
     found = []
     for end in ends_of(space, contacts, ()) if len(contacts) else ():
         beyond = end.extreme + _PASS * end.out
@@ -217,9 +218,9 @@ def extent_probe(
     """Return the next probe that shows how far an object on a table extends, or None.
 
     After the first contact a motion down beside it shows the height; it begins higher if it cannot
-    begin, as in a tall object. Then level motions from outside find the four ends, opposite to the
-    first contact first. At last sweeps pass the ends of an object that lies long: what they meet,
-    such as a jaw, is a new extreme, and its end open.
+    begin there, as in a tall object. Then level motions from outside find the four ends, first the
+    one opposite to the first contact. At last sweeps pass the ends of a long object: anything they
+    meet, such as a jaw, is a new extreme with an open end.
 
     The outcomes are those since the first contact, or since the landmarks were touched.
     """
@@ -247,7 +248,7 @@ def extent_probe(
 def _level_axis(contacts: Contacts) -> FloatArray:
     """Return a level axis of an object, unit, shape (3,): the long one if contacts show it.
 
-    Else it is perpendicular to the level normals, by their mean direction without sign.
+    Else it is perpendicular to the mean direction, without sign, of the level normals.
     """
     points = contacts.points[:, :2] - contacts.points[:, :2].mean(axis=0)
     variances, axes = np.linalg.eigh(points.T @ points)

@@ -64,7 +64,7 @@ def explore_steps(
 ) -> Iterator[ExplorationState]:
     """Explore as `explore` does; yield the state before the first probe, after each, and the end.
 
-    `start` is the state to go on from; None for that of `begin`. The last state is that of `end`.
+    `start` is the state to continue from; None for `begin`'s. The last state is `end`'s.
     """
     if perception.tracker is not None and not isinstance(prober, MovingProber):
         raise InvalidOptionError(

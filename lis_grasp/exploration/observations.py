@@ -29,7 +29,7 @@ class Observation(Record):
     False
     """
 
-    #: with contacts in the frame of the object after it, and the probe in that before it
+    #: contacts are in the object's frame after the probe, the probe in the frame before it
     outcome: ProbeOutcome
     belief: PoseBelief | None = None  #: about the object's pose after it; None if not tracked
     #: (D, 3) [m], in O: points of earlier contacts that turned out to be strays
@@ -157,9 +157,9 @@ class Maps(Record):
         return maps
 
     def after(self, observation: Observation, before: Sequence[Observation]) -> Maps:
-        """Return the maps after an observation; those before it are given as they were made.
+        """Return the maps after an observation; earlier ones are as they were made.
 
-        A loss begins another map, with what was observed in doubt; the larger of those before
+        A loss begins another map, with the observations in doubt; the larger of the earlier maps
         waits, until an observation joins the present one to it.
         """
         belief, present, waiting = observation.belief, self.present, self.waiting
@@ -180,7 +180,7 @@ class Maps(Record):
         return Maps(replace(present, entries=(*present.entries, entry)), waiting)
 
     def contacts_after(self, before: Maps, contacts: Contacts, wanted: int | None) -> Contacts:
-        """Return the present map's contacts, at most `wanted`, from those of the maps before."""
+        """Return the present map's contacts, at most `wanted`, continuing from the maps before."""
         last = self.present.entries[-1]
         if last.observation.is_lost or last.observation.is_joined:
             return self.present.contacts(wanted)
@@ -197,9 +197,9 @@ def _begun_again(entry: MapEntry, before: Sequence[Observation], X_WF: FloatArra
 def _with_those_of(
     contacts: Contacts, outcomes: Sequence[ProbeOutcome], entry: MapEntry, wanted: int | None
 ) -> Contacts:
-    """Return the contacts, made by outcomes on a map, with those of its next entry.
+    """Return the contacts made by outcomes on a map, and those made by its next entry.
 
-    At most as many are added as are still wanted.
+    No more are added than are still wanted.
     """
     observation, outcome = entry.observation, entry.observation.outcome
     room = None if wanted is None else wanted - int(are_touches(contacts, outcomes).sum())

@@ -31,17 +31,17 @@ _GROWTH = 1.0 / 16.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TactilePerception:
-    """How contacts become what is known; nothing of it changes from probe to probe.
+    """How contacts become knowledge; it does not change from probe to probe.
 
     Parameters
     ----------
     estimate
         Estimates the surface from at least one contact, when the estimate is first used: after
-        every contact, and beyond 31 touches only after a sixteenth more. What it raises, that use
-        raises.
+        every contact up to 31 touches, then after every sixteenth more. Its errors are raised at
+        that use.
     prior
-        Contacts known before the first touch, for example of a camera; None for none. The surface
-        is estimated from them and the touches, and touches go where both are missing. They are no
+        Contacts known before the first touch, such as a camera's; None for none. The surface is
+        estimated from them and the touches, and touches go where both are missing. They are not
         part of the result, and wait while the tracker has lost the object.
     sensor
         Model of the tactile sensor; None for an ideal one.
@@ -70,7 +70,7 @@ def begin(
 ) -> ExplorationState:
     """Return the state before the first probe, or after recorded observations.
 
-    It remembers the strategy's stop rules and wanted number of contacts; without one, neither.
+    It remembers the strategy's stop rules and wanted number of contacts; else neither.
     """
     return _begun(perception, strategy, (), PoseBelief.start(), recorded)
 
@@ -84,7 +84,7 @@ def begin_again(
 ) -> ExplorationState:
     """Return the state of an object that was touched before: contacts, and a belief of its pose.
 
-    The contacts are those of the landmarks, which the tracker may touch again, and the prior ones.
+    The contacts come from the landmarks, which the tracker may touch again, and from the prior.
     """
     return _begun(perception, strategy, landmarks, belief, ())
 
@@ -119,8 +119,8 @@ def advance(
 ) -> ExplorationState:
     """Return the state after the outcome of the probe that `choose` chose in a state.
 
-    With `choose`, it is the step of an exploration. Both are pure functions: nothing that is given
-    changes, except the generator of `choose`, from which it draws.
+    With `choose`, it is the step of an exploration. Both are pure functions: they change no
+    argument except the generator of `choose`.
     """
     tracker = perception.tracker
     if tracker is None or state.belief is None:
@@ -148,7 +148,7 @@ def _without_strays(
 ) -> ExplorationState:
     """Return the state after an observation, without the strays among the contacts before it.
 
-    They are looked for when the surface is estimated anew.
+    Strays are sought when the surface is estimated anew.
     """
     after = _added(perception, state, observation)
     if perception.find_strays is None or observation.is_lost or not after.is_new:
@@ -168,9 +168,9 @@ def _without_strays(
 
 
 def _moved_before(joined: Observation, state: ExplorationState) -> FloatArray:
-    """Return the points (D, 3) of contacts of the map before that were made after the motion.
+    """Return the points (D, 3) of contacts on the map before that were made after the motion.
 
-    Since the last repetition that agreed, these are on its estimate where the object is now.
+    They follow the last repetition that agreed, and are on its estimate at the object's new pose.
     """
     gone, surface = [joined.dropped], state.waiting
     for entry in reversed(state.maps.waiting.entries):

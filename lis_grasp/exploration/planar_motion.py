@@ -1,4 +1,4 @@
-"""Planar displacements of an object on a table: (x, y, yaw), as a pose and as a push makes them."""
+"""Planar displacements of an object on a table: (x, y, yaw), as poses and by pushes."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ _TURNING_RADIUS, _LEAST_EXTENT = 0.4, 0.03
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Push:
-    """Displacements of an object by a push, about the origin of its frame, for each metre."""
+    """Displacements of an object by a push, per metre, about the origin of its frame."""
 
     along: FloatArray  #: (3,): x and y with the push, and yaw [rad/m]
-    aside: FloatArray  #: (3, 3): variances of a metre in any direction, and turns alike
+    aside: FloatArray  #: (3, 3): variances per metre, equal in all directions, and of turns
 
 
 def push_of(contacts: Contacts, known: Contacts) -> Push:
     """Return how `contacts` push an object whose extent the `known` ones show.
 
     The push is against the contacts' normals. A steep one presses the object down, so its
-    horizontal part counts squared. What moves far under a gentle touch rolls, and rolling does not
-    turn it about the vertical; a slider turns at an unknown rate about an unknown centre of
-    friction (Lynch, Maekawa & Tanie 1992), which is a part of the uncertainty.
+    horizontal part counts squared. An object that moves far under a gentle touch rolls, which does
+    not turn it about the vertical. A slider turns at an unknown rate about an unknown centre of
+    friction (Lynch, Maekawa & Tanie 1992); this is a part of the uncertainty.
     """
     both = np.vstack([contacts.points, known.points])[:, :2]
     low, high = both.min(axis=0), both.max(axis=0)
@@ -64,11 +64,11 @@ def displacement_rows(points: FloatArray, normals: FloatArray) -> FloatArray:
 # friction are unknown; most objects hardly move under a gentle touch.
 _SCALES = np.array([3e-5, 1e-4, 3e-4, 1e-3, 3e-3])
 _PRIOR = np.array([0.3, 0.25, 0.2, 0.15, 0.1])
-# Mean and standard deviation of a push, in scales; its part before the detection; and the standard
+# Mean and standard deviation of a push, in scales; the part before detection; and the standard
 # deviation of motion in other directions.
 _MEAN, _DEVIATION, _BEFORE, _ASIDE = 0.7, 0.5, 0.3, 0.2
-# Probability that a touch moves the object on another scale than the touches before: a cylinder on
-# its side rolls one way, and stays the other.
+# Probability that a touch moves the object on another scale than earlier touches: a cylinder on
+# its side rolls in one direction, and stays in the other.
 _CHANGE = 0.1
 # Innovations beyond this many standard deviations are outliers, and weigh less.
 _OUTLIER = 3.0
@@ -92,7 +92,7 @@ class PoseBelief:
     covariances: FloatArray  #: (M, 3, 3)
     log_weights: FloatArray  #: (M,), up to a constant
     trust: PoseTrust = "trusted"
-    count: int = 0  #: probes since the first doubt; on probation, probes that are left of it
+    count: int = 0  #: probes since the first doubt; on probation, probes that are left
     repeated: bool = False  #: whether the last probe repeated an earlier one
     suspicious: bool = False  #: whether its contact was far from the expected surface
     #: pose (4, 4) of the map before the loss among later contacts, if the last probe showed it
@@ -156,7 +156,7 @@ class PoseBelief:
     def innovation(
         self, point: FloatArray, normal: FloatArray, distance: float, variance: float
     ) -> tuple[float, float]:
-        """Return the difference [m] of a measured distance from the mean's, and its deviation."""
+        """Return the error [m] of the distance that the mean predicts, and its deviation."""
         row = displacement_rows(point[None], normal[None])[0]
         return distance - float(row @ self.mean), float(
             np.sqrt(row @ self.covariance @ row + variance)
@@ -168,7 +168,7 @@ class PoseBelief:
         """Return the belief after a contact `distance` [m] outside of the estimate.
 
         `point` and unit `normal`, both (3,), are the contact and the estimate's gradient there;
-        `variance` [m^2] is of the distance if the object had not moved.
+        `variance` [m^2] is that of the distance of an unmoved object.
         """
         row = displacement_rows(point[None], normal[None])[0]
         innovations = distance - self.means @ row  # (M,)

@@ -48,7 +48,7 @@ class Policy(Protocol):
     ) -> Probe | None:
         """Return the next probe, or None to end the exploration.
 
-        `contacts`, in O, are all so far. `surface` is estimated from them (None without contacts)
+        `contacts`, in O, are all. `surface` is estimated from them (None without contacts)
         before free space is removed: the walls that carving leaves must not be touched.
         `outcomes` are those of every probe so far, in order. Draw random numbers from `rng`.
         """
@@ -71,7 +71,7 @@ def frontier(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Gener
 def farthest(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:
     """Select the target farthest from any contact on its side.
 
-    Farthest-first traversal: no placement of as few touches leaves gaps of less than half the size
+    Farthest-first traversal: its gaps are at most twice those of the best placement of the touches
     (Gonzalez 1985).
     """
     return _best(targets, targets.nearest)
@@ -109,9 +109,9 @@ class TargetPolicy:
     The first six probes go along the axes to the object's centre (five above a table), unless there
     are contacts before the first touch. Later ones approach the selected target against the
     estimated outward normal; after a miss obliquely, from beyond the edge that the missed probe
-    must have crossed. A concavity that the estimate bridges, although a tip passed through it, is
+    must have crossed. A concavity that a tip passed through, but that the estimate bridges, is
     touched from within. Earlier targets and free space are not targets. Without a target, a random
-    line through the workspace is probed. All this is the same for every selector, so that selectors
+    line through the workspace is probed. This is the same for every selector, so that selectors
     can be compared.
 
     Parameters
@@ -124,8 +124,8 @@ class TargetPolicy:
         Estimates a surface, from at least one contact, on which targets are searched first; None
         for the exploration's own estimate. A Gaussian process closes untouched regions more
         cautiously than an estimate that extrapolates. Once all of this surface is within a step of
-        a contact, the exploration's own estimate is searched too; that of a flat object on a table
-        always, because level motions tell how far it reaches.
+        a contact, the exploration's own estimate is searched too. On a flat object on a table it
+        always is, because level motions show how far it extends.
     """
 
     space: Workspace
@@ -140,7 +140,7 @@ class TargetPolicy:
         outcomes: Sequence[ProbeOutcome],
         rng: np.random.Generator,
     ) -> Probe:
-        """Return the next probe; see `Policy`. There always is one."""
+        """Return the next probe; see `Policy`. there always is one."""
         known = contacts if surface is None else DeferredEstimate.of(surface, contacts).contacts
         space = self.space.fitted_to(known)
         made = sum(len(outcome.contacts) for outcome in outcomes)
@@ -187,7 +187,7 @@ class PolicyKind:
     """A policy that the command line names: how a target is selected, and on which surface."""
 
     select: TargetSelector
-    uses_gaussian_process: bool = False  # targets are searched on its surface, not the estimate's
+    uses_gaussian_process: bool = False  # search its surface for targets
 
 
 POLICIES: Mapping[str, PolicyKind] = MappingProxyType(
@@ -201,7 +201,7 @@ POLICIES: Mapping[str, PolicyKind] = MappingProxyType(
 """Policies by name; ``frontier`` is the paper's."""
 
 POLICY_NAMES = Registry("policy", POLICIES)
-"""Exploration policies: the package's own kinds, or what makes a `Policy` of a `Workspace`."""
+"""Exploration policies: the package's own kinds, or functions from `Workspace` to `Policy`."""
 
 
 def find_policy(name: str, space: Workspace) -> Policy:
@@ -229,10 +229,10 @@ def find_policy(name: str, space: Workspace) -> Policy:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegionPolicy:
-    """Find an object in a region, and explore it in the workspace that its contacts show.
+    """Find an object in a region, and explore it in the workspace shown by its contacts.
 
     Until the first contact, it searches (`search_probe`). Then it finds the height and the ends of
-    the object (`extent_probe`). After that, a policy for the workspace of the contacts so far
+    the object (`extent_probe`). After that, a policy for the workspace of these contacts
     chooses.
 
     Parameters
@@ -242,8 +242,8 @@ class RegionPolicy:
     make
         Makes the policy of a workspace.
     landmarks
-        Contacts that were touched before the first probe, beyond which the extent is sought again.
-        Where a camera has seen the object, it is not.
+        Contacts that were touched before the first probe, beyond which the extent is sought again;
+        it is not sought where a camera has seen the object.
     """
 
     region: Region
@@ -268,14 +268,14 @@ class RegionPolicy:
         landmarks = self._landmarks_among(contacts)
         since = outcomes if landmarks else since_first_contact(outcomes)
         touched = len(landmarks) + sum(len(outcome.contacts) for outcome in since)
-        if len(contacts) <= touched:  # none of a camera
+        if len(contacts) <= touched:  # no contact by a camera
             opening = extent_probe(space.fitted_to(contacts), contacts, since, landmarks)
             if opening is not None:
                 return opening
         return self.make(space).next_probe(contacts, surface, outcomes=outcomes, rng=rng)
 
     def _landmarks_among(self, contacts: Contacts) -> Sequence[Landmark]:
-        """Return the landmarks if contacts are of their map; none after a loss of the object."""
+        """Return the landmarks if contacts are on their map; none after a loss of the object."""
         points = {point.tobytes() for point in contacts.points}
         here = any(landmark.contacts.points[0].tobytes() in points for landmark in self.landmarks)
         return self.landmarks if here else ()

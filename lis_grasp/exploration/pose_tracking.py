@@ -18,34 +18,34 @@ from lis_grasp.geometry import relative_rotation
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
-# A contact so far off certain surface, in standard deviations and [m], shows a large motion, of
-# these standard deviations of x, y [m] and yaw [rad].
+# A contact this far off certain surface, in standard deviations and [m], shows a large motion,
+# with these standard deviations of x, y [m] and yaw [rad].
 _CONTRADICTION, _FAR, _LARGE_MOTION = 5.0, 0.003, (0.015, 0.015, 0.3)
-# One so far off, in standard deviations, is suspicious: a place known from before is probed again.
+# From this many standard deviations on, it is suspicious: a known place is probed again.
 _SUSPICIOUS = 2.0
-# A contact so deep inside free space, in standard deviations and [m], shows one too.
+# A contact this deep inside free space, in standard deviations and [m], shows a motion too.
 _DEEP, _DEPTH = 4.0, 0.004
-# After a contradiction, the object is found when all contacts are so certain again [m], and lost
-# after so many probes; another contradiction counts as two, and soon after it was found as lost.
+# After a contradiction, the object is found when all contacts are this certain again [m], and lost
+# after this many probes. A second contradiction counts twice; soon after a find it is a loss.
 _FOUND, _LOST_AFTER = 0.003, 6
-# Cosine of the angle to the normal of a contact before, beyond which a repetition met another side,
-# and of the hand's turn, beyond which it is none: another roll leads the finger to another place.
+# Least cosine between the normals of a place and of its repetition, else it met another side; and
+# of the hand's turn, else it is no repetition: another roll leads the finger to another place.
 _SAME_SIDE = 0.87
-# A place is touched again when its position is so uncertain [m], and so many times more than a
-# touch makes it.
+# A place is touched again when its position is this uncertain [m], and this many times more than
+# a touch makes it.
 _UNCERTAIN, _WORTHWHILE = 0.0008, 2.0
-# The first touches show how far they move the object; then at most one of so many repeats another,
+# The first touches show how far they move the object; then at most one of this many is a repeat,
 # unless the next contact could hardly be used.
 _OF_TOUCHES = 6
-# A contact whose position is more uncertain is not used [m].
+# Contacts of more uncertain position [m] are not used.
 _UNUSABLE = 0.004
-# Fewer contacts are too few to recognise a motion; then so many probes in a row without a contact
+# Fewer contacts are too few to recognise a motion; then this many probes in a row without a contact
 # show that the object is somewhere else.
 _FEW, _NOTHING_LEFT = 5, 12
-# A contact so near an earlier one [m] measures the distance from its tangent plane, which the
+# A contact this near an earlier one [m] measures the distance from its tangent plane, which the
 # surface leaves by this fraction of the distance in it.
 _NEAR, _BEND = 0.003, 0.1
-# Errors of a distance by the estimate's gradient, as a fraction of it, and at least [m].
+# Error of a distance computed with the gradient, as a fraction of it, and at least [m].
 _NONLINEAR, _LEAST_ERROR = 0.1, 1e-4
 
 MOVED = "the object moved too far to place the contact"
@@ -64,8 +64,8 @@ class PoseTracker:
 
         d(p) = n . (t + yaw z x p) + noise
 
-    with the value f of the estimate over the length of its gradient as distance d, the unit
-    gradient n, and noise of the estimate's standard deviation and the sensor's. Where the surface
+    where d is the value f of the estimate over the length of its gradient, n is the unit gradient,
+    and the noise is that of the estimate and the sensor. Where the surface
     is unknown, a contact says little about the pose. When the pose has become uncertain, an earlier
     probe is repeated.
 
@@ -90,7 +90,7 @@ class PoseTracker:
         require_at_least(0, position_noise=self.position_noise)
 
     def probe_again(self, state: ExplorationState) -> Probe | None:
-        """Return the probe of a landmark to touch again as the pose is uncertain, or None.
+        """Return the probe that touches a landmark again, as the pose is uncertain, or None.
 
         It is the one whose contact's position along its normal is least certain.
         """
@@ -103,7 +103,7 @@ class PoseTracker:
         in_doubt = belief.trust == "doubted"
         if belief.repeated and not in_doubt:
             return None
-        # Blocked ones again are blocked; while in doubt, every probe comes once.
+        # A blocked probe would be blocked again; while in doubt, each is repeated once.
         count, doubts = len(observations), belief.count if in_doubt else 0
         tried = [
             outcome.probe.target
@@ -132,9 +132,9 @@ class PoseTracker:
     ) -> tuple[Observation, tuple[FloatArray, ...]]:
         """Return an outcome in the object's new frame, with the belief about its pose.
 
-        The second result are the poses (4, 4) of successive new frames, each in the one before;
+        The second result has the poses (4, 4) of successive new frames, each in the one before;
         later probes are in the last one. `state` is the one before the probe; if it asked for a
-        landmark, the probe was that.
+        landmark, the probe touched it.
         """
         known, recent, repeated = state.known, state.maps.present, state.again is not None
         belief = replace(state.belief or PoseBelief.start(), joined=None)
@@ -145,7 +145,7 @@ class PoseTracker:
         same = [o for o in recent.landmarks if np.array_equal(o.probe.target, target)]
         same = [o for o in same if _turned_alike(o.hand_pose, outcome.hand_pose)]
         place = next((landmark.contacts.subset([0]) for landmark in same if repeated), None)
-        if place is not None:  # it is missed, or another side is there
+        if place is not None:  # missed, or met on another side
             alike = contacts.normals @ place.normals[0] > _SAME_SIDE
             contradicted |= outcome.status == "missed" or (len(alike) > 0 and not alike.any())
         push = push_of(contacts, known) if len(contacts) else None
@@ -163,7 +163,7 @@ class PoseTracker:
             )
             noise = np.hypot(self.position_noise, deviations)
             outcome = replace(outcome, contacts=replace(contacts, position_noise=noise))
-        belief, X_EC = belief.centered()  # the frame C when the contacts were made
+        belief, X_EC = belief.centered()  # C is the frame at the contacts
         outcome = outcome.in_frame(X_EC)
         if push is not None:
             belief = belief.pushed(push, detected=True)
@@ -173,7 +173,7 @@ class PoseTracker:
         if belief.trust == "lost" or _nothing_left([*recent.outcomes, outcome], known):
             belief = replace(PoseBelief.start(), X_WE=belief.X_WE, trust="lost")
             new = outcome.contacts
-            if len(new):  # they define the new frame: the doubt about the old pose is not theirs
+            if len(new):  # they define the new frame: it has no doubt of the old pose
                 new = replace(new, position_noise=np.full(len(new), self.position_noise))
             outcome = replace(outcome, contacts=new, reason=LOST)
         elif not usable:
@@ -185,7 +185,7 @@ class PoseTracker:
     def joined(
         self, observation: Observation, X_EF: FloatArray, covariance: FloatArray
     ) -> Observation:
-        """Return an observation that joins the contacts since a loss to the map before, F, in E."""
+        """Return an observation that joins the contacts since a loss to the map F before, in E."""
         observation, start = observation.on_map(X_EF), PoseBelief.start()
         covariances = start.covariances + covariance
         belief = replace(observation.belief or start, means=start.means, covariances=covariances)
@@ -222,7 +222,7 @@ class PoseTracker:
 
 
 def doubted() -> PoseBelief:
-    """Return the belief after a large motion: the object has to be found again."""
+    """Return the belief after a large motion: the object must be found again."""
     return replace(PoseBelief.start().loosened(np.array(_LARGE_MOTION)), trust="doubted")
 
 
@@ -280,7 +280,7 @@ def _to_surface(
 
 
 def _nothing_left(outcomes: Sequence[ProbeOutcome], known: Contacts) -> bool:
-    """Return whether an object of a few known contacts is no longer met by any probe."""
+    """Return whether probes no longer meet an object of few known contacts."""
     last = outcomes[-_NOTHING_LEFT:]
     touched = any(outcome.status == "touched" for outcome in last)
     return 0 < len(known) < _FEW and len(last) == _NOTHING_LEFT and not touched
@@ -295,7 +295,7 @@ def _turned_alike(first: HandPose | None, second: HandPose | None) -> bool:
 
 
 def _sideways(touches: Sequence[Landmark], last: ProbeOutcome) -> Landmark:
-    """Return the landmark on a side that faces most like that of the last, but another one."""
+    """Return the landmark, other than the last, whose side faces most like it."""
     others = [touch for touch in touches if touch.probe is not last.probe] or list(touches)
     normal = last.contacts.normals[0] if len(last.contacts) else -last.probe.direction
     alike = [abs(touch.contacts.normals[0][:2] @ normal[:2]) for touch in others]

@@ -38,7 +38,7 @@ class Probe(Record):
     overshoot
         Length of the motion beyond the target [m].
     slides
-        Shape (K, 3) [m], in O: slides of the fingertip of which one may follow, the best first.
+        Shape (K, 3) [m], in O: slides of the fingertip, the best first; one may follow.
 
     Raises
     ------
@@ -206,7 +206,7 @@ class MovingProber(Prober, Protocol):
     """A prober of an object that touches move; it gives later probes in the object's frame."""
 
     def move_frame(self, X_EF: FloatArray) -> None:
-        """Give later probes in a frame F with pose X_EF, shape (4, 4), in the frame so far."""
+        """Give later probes in a frame F with pose X_EF, shape (4, 4), in the present frame."""
         ...
 
 
@@ -216,12 +216,12 @@ class SimulatedProber(Prober, Protocol):
 
     @property
     def X_EO(self) -> FloatArray | None:
-        """True pose of a free object now, (4, 4), in the frame of probes; None if it is fixed."""
+        """Current true pose (4, 4) of a free object in the frame of probes; None if fixed."""
         ...
 
 
 def are_touches(contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> BoolArray:
-    """Return which contacts of one map's outcomes, (N,), are touches: made first by no slide."""
+    """Return which contacts of one map's outcomes, (N,), are touches, not first made by a slide."""
     if not any(outcome.slid for outcome in outcomes):
         return np.ones(len(contacts), dtype=np.bool_)
     touched = {

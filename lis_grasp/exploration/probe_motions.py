@@ -18,7 +18,7 @@ PROBE_SPEED = 0.1
 """Speed of a guarded motion, which may touch at any time [m/s]."""
 
 GENTLE_SPEED = 0.03
-"""The same of a hand that touches an object which may move [m/s]."""
+"""Speed of a guarded motion if the object may move [m/s]."""
 
 SLIDE_SPEED = 0.05
 """Speed of a fingertip that slides along a surface [m/s]."""
@@ -34,13 +34,13 @@ SAME_DIRECTION = float(np.cos(np.radians(50.0)))
 
 # Distance between the points checked along a tip's path, in steps.
 _SPACING = 0.25
-# The paths of so many probes are searched for concavities.
+# Concavities are sought on the paths of this many recent probes.
 _RECENT = 16
 # Random offset of the first probes from the centre, in sizes of the object, so that seeds differ.
 _AXIS_SPREAD = 0.05
 # Length of the motion beyond the target, in steps.
 _OVERSHOOT = 1.5
-# Angle of a probe after a miss: from beyond the edge back towards the nearest contact.
+# Angle of a probe after a miss, from beyond the edge back towards the nearest contact.
 _OBLIQUE_ANGLE = np.radians(40.0)
 # Least height of a probe's start above the table, in steps, unless its motion is level.
 _START_ABOVE_TABLE = 1.0
@@ -68,7 +68,7 @@ def axis_probe(
 
 
 def random_pass(space: Workspace, rng: np.random.Generator) -> Probe:
-    """Return a probe along a random line through the whole workspace, not out of a table."""
+    """Return a probe along a random line through the whole workspace, but not up out of a table."""
     direction = rng.normal(size=3)
     if space.support_height is not None:
         direction[2] = -abs(direction[2])
@@ -160,7 +160,7 @@ def retreats(
 def _leads_outside(
     points: FloatArray, directions: FloatArray, space: Workspace, surface: ImplicitSurface
 ) -> BoolArray:
-    """Return which level lines from points (P, 3) do not meet the estimate again, as in a hole."""
+    """Return which level lines from points (P, 3) leave the estimate, unlike those in a hole."""
     level = unit(directions * [1.0, 1.0, 0.0])
     starts = level_targets(points, level, space)
     distances = np.arange(_SPACING * space.step, space.size, _SPACING * space.step)
@@ -171,7 +171,7 @@ def _leads_outside(
 
 
 def level_targets(points: FloatArray, directions: FloatArray, space: Workspace) -> FloatArray:
-    """Return targets (..., 3) as low as a fingertip gets in level motions from directions."""
+    """Return targets (..., 3) at the lowest height of level fingertip motions."""
     if space.support_height is None:
         return points
     raised = points.copy()
@@ -181,7 +181,7 @@ def level_targets(points: FloatArray, directions: FloatArray, space: Workspace) 
 
 
 def is_low(points: FloatArray, space: Workspace) -> BoolArray:
-    """Return which points (..., 3) a fingertip meets in its lowest level motion above a table."""
+    """Return which points (..., 3) the lowest level motion above a table meets."""
     if space.support_height is None:
         return np.zeros(points.shape[:-1], dtype=np.bool_)
     return np.asarray(points[..., 2] < space.level_height + space.tip_radius)
@@ -232,8 +232,8 @@ def _tip_path(outcomes: Sequence[ProbeOutcome], step: float) -> tuple[FloatArray
 def contact_hull(contacts: Contacts) -> FloatArray | None:
     """Return outward normals and offsets (S, 4) of the contacts' hull; None if they are in a plane.
 
-    A convex object contains it, any other crosses it: a line through it is likely to meet the
-    object. A line beside it meets surface that is extrapolated.
+    A convex object contains it, any other crosses it: a line through it probably meets the object.
+    A line beside it meets extrapolated surface.
     """
     try:
         return np.asarray(ConvexHull(contacts.points).equations)

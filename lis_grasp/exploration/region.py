@@ -18,13 +18,13 @@ from lis_grasp.typing import BoolArray, FloatArray
 DEFAULT_REGION = (0.4, 0.4, 0.3)
 """Lengths of the region along x, y and z [m]."""
 
-# A longer side is in another unit: a search of it would take hours.
+# A longer side has a mistaken unit: its search would take hours.
 _LONGEST = 5.0
 # Behind a contact an object is at least this thick [m].
 _THICKNESS = 0.03
 # Largest extent of the object, in extents of its contacts.
 _BEYOND = 1.15
-# Length beyond that, divided by the number of contacts [m].
+# Further extent [m], divided by the number of contacts.
 _UNKNOWN = 0.2
 # Radius and height [m] of the upright cylinders that stand for the unknown object, and the
 # probability of each.
@@ -32,7 +32,7 @@ _KINDS = (
     *((0.015, 0.03, 0.2), (0.03, 0.06, 0.35), (0.05, 0.1, 0.25)),
     *((0.03, 0.01, 0.1), (0.03, 0.004, 0.1)),
 )
-# What is sought where none of these is left, as between sweeps along a pen.
+# Cylinders that are sought when none of these is left, such as a pen between sweeps.
 _THIN = ((0.005, 0.004, 1.0),)
 # Spacing of the places, and of the free space that is compared with them [m].
 _PLACE_SPACING, _FREE_SPACING = 0.02, 0.005
@@ -51,7 +51,7 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 class Region:
     """Box on a table that contains an object of unknown place, size and orientation.
 
-    The table is the plane z = 0 of the world frame W, in which an exploration of a region is. The
+    The table is the plane z = 0 of the world frame W, the frame of the exploration. The
     box is centred at x = y = 0.
 
     Parameters
@@ -88,9 +88,9 @@ class Region:
         return np.array([[-0.5 * x, -0.5 * y, 0.0], [0.5 * x, 0.5 * y, z]])
 
     def grown(self, contacts: Contacts) -> Workspace:
-        """Return the workspace that contacts show; without any, that of the whole region.
+        """Return the workspace that contacts show; without any, the whole region's.
 
-        It contains the box of the contacts, of what is behind each of them, and of the table below
+        Its box contains the contacts, the matter behind each of them, and the table below
         them. The margin shrinks with their number.
         """
         if not len(contacts):
@@ -169,7 +169,7 @@ def search_probe(
 
     The candidates are horizontal sweeps through the region, low above the table, and motions
     straight down. Motions that were blocked before are not repeated.
-    `outcomes` are those of every probe so far, without a contact. None if no place is left where
+    `outcomes` are from every probe, all without contact. None if no place is left where
     the object could be found.
     """
     points = np.vstack([np.empty((0, 3)), *(outcome.free_points for outcome in outcomes)])
@@ -230,7 +230,7 @@ def _candidates(region: Region) -> list[Probe]:
 
 
 def _ticks(low: float, high: float) -> FloatArray:
-    """Return places from low to high [m], about the spacing apart."""
+    """Return evenly spaced places from low to high [m]."""
     if high <= low:
         return np.array([0.5 * (low + high)])
     return np.linspace(low, high, max(round((high - low) / _PLACE_SPACING), 1) + 1)

@@ -17,30 +17,30 @@ from lis_grasp.exploration.workspace import sample_zero_level_set
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.typing import BoolArray, FloatArray
 
-# A step of the search is damped as if displacements were known beforehand to x, y [m] and yaw.
+# Steps of the search are damped by these prior standard deviations of x, y [m] and yaw [rad].
 _DAMPING = np.array([0.01, 0.01, 0.2])
 CONTACT_ERROR = 0.002
 """Standard deviation of a contact's distance from the estimated surface [m]."""
 _ITERATIONS = 10
-# Fewer contacts do not tell where an object is; then all known ones are certain to so much [m], and
-# any other pose that is as good leaves them so close to the estimate [m].
+# Fewer contacts do not show where an object is. Then all known ones must be this certain [m], and
+# any other pose that is as good must leave them this close to the estimate [m].
 _ENOUGH, _CERTAIN, _ALIKE = 5, 0.005, 0.003
-# Standard deviation of a normal [rad]; length like a radian [m]; most vertical normal of a side.
+# Standard deviation of a normal [rad]; length of a radian [m]; largest z of a side's normal.
 _NORMAL_ERROR, _RADIAN, _SIDE = 0.3, 0.03, 0.7
-# Samples along an estimate, contacts laid on them, and poses that follow, at most about.
+# Approximate largest numbers of samples of an estimate, contacts laid on them, and poses.
 _SAMPLES, _LAID, _STARTS = 24, 4, 400
-# Squared error of an outlier, difference of squared errors that distinguishes two poses, and least
-# fraction of contacts that are so close to the estimate.
+# Squared error of an outlier; difference of squared errors that distinguishes two poses, and that
+# contacts on the estimate stay below; least fraction of these.
 _OUTLIER, _CLEARLY, _MOST = 16.0, 9.0, 0.8
 
 
 def find_displacement(
     contacts: Contacts, surface: DeferredEstimate
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return where an object is now, of which another map is known; None if it is not certain.
+    """Return where an object with another known map is now; None if it is not certain.
 
-    It is the pose (4, 4) of the map's frame in that of the new contacts, with the covariance (3, 3)
-    of x, y and yaw in the map's. Some contacts are laid on all samples of the estimate like them;
+    The pose (4, 4) is of the map's frame in the frame of the new contacts; the covariance (3, 3) of
+    x, y and yaw is in the map's. Some contacts are laid on all similar samples of the estimate;
     then damped Gauss-Newton iterations find the most probable displacements. The best is certain if
     the contacts are on the estimate, if they determine the place of all its contacts, and if any
     other is far less probable or leaves these on the estimate, as a cylinder's turn does.
@@ -84,7 +84,7 @@ class _Samples:
 
     points: FloatArray  #: (S, 3) [m]
     normals: FloatArray  #: (S, 3)
-    deviations: FloatArray  #: (S,), of contacts there [m]
+    deviations: FloatArray  #: (S,), standard deviations of contacts there [m]
     spacing: float  #: [m]
     tree: cKDTree  #: of points and scaled normals
 
@@ -137,7 +137,7 @@ def _refined(poses: FloatArray, contacts: Contacts, samples: _Samples) -> FloatA
 
 
 class _Matches(NamedTuple):
-    """N contacts at H poses, and the samples that they are nearest to."""
+    """N contacts at H poses, and their nearest samples."""
 
     points: FloatArray  #: (H, N, 3), of the contacts [m]
     normals: FloatArray  #: (H, N, 3), of the samples
@@ -162,7 +162,7 @@ def _matched(X: FloatArray, contacts: Contacts, samples: _Samples) -> _Matches:
 
 
 def _costs(X: FloatArray, matches: _Matches, contacts: Contacts, known: Contacts) -> FloatArray:
-    """Return the costs (H,) of poses X (H, 4, 4), of far less probable ones infinity."""
+    """Return the costs (H,) of poses X (H, 4, 4), infinity for far less probable ones."""
     errors = np.minimum(matches.errors + matches.turned, _OUTLIER)
     costs: FloatArray = np.sum(errors + 2.0 * np.log(matches.deviations), axis=1)
     costs[costs >= costs.min() + _OUTLIER] = np.inf
@@ -173,7 +173,7 @@ def _costs(X: FloatArray, matches: _Matches, contacts: Contacts, known: Contacts
 
 
 def _depth(points: FloatArray, others: Contacts) -> float:
-    """Return the squared errors of points (N, 3) in the free space of others, summed."""
+    """Return the summed squared errors of points (N, 3) in the free space of others."""
     depths = others.free_radii - cdist(points, others.free_points) - CONTACT_ERROR
     errors = depths.max(axis=1, initial=0.0) / CONTACT_ERROR
     return float(np.minimum(errors**2, _OUTLIER).sum())

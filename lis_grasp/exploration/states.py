@@ -24,7 +24,7 @@ from lis_grasp.typing import FloatArray
 class ExplorationState(Record):
     """Everything known after some probes. It never changes: `advance` makes the next one."""
 
-    observations: tuple[Observation, ...] = ()  #: by every probe so far, in order
+    observations: tuple[Observation, ...] = ()  #: by every probe, in order
     contacts: Contacts = field(default_factory=Contacts.empty)  #: made by touches, in O
     maps: Maps = field(default_factory=Maps)
     #: estimated from all contacts, before free space is removed; None without contacts
@@ -60,7 +60,7 @@ class ExplorationState(Record):
 
     @property
     def made(self) -> int:
-        """How many of the contacts are touches, and no ends of slides."""
+        """Number of contacts that are touches, not ends of slides."""
         return int(are_touches(self.contacts, self.maps.present.outcomes).sum())
 
     @property
@@ -79,9 +79,9 @@ class NextProbe(Record):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exploration(Record):
-    """Result of an exploration: what the robot knows of it, and nothing of the true object."""
+    """Result of an exploration: the robot's knowledge, without the true object."""
 
-    contacts: Contacts  #: in O, without duplicates, with all free space
+    contacts: Contacts  #: in O, without duplicates; has all free space
     observations: tuple[Observation, ...]  #: by every probe, in order
     ended: str = ""  #: why it ended
 
@@ -91,7 +91,7 @@ class Exploration(Record):
     def replay(
         cls, observations: Sequence[Observation], *, touches: int | None = None
     ) -> Exploration:
-        """Rebuild an exploration from what was recorded, as if it had ended after `touches`.
+        """Rebuild an exploration from its record, as if it had ended after `touches`.
 
         The probes after the last of these contacts are left out.
         """
@@ -129,7 +129,7 @@ class Exploration(Record):
 
     @property
     def made(self) -> int:
-        """How many of the contacts are touches, and no ends of slides."""
+        """Number of contacts that are touches, not ends of slides."""
         outcomes = Maps.of(self.observations).present.outcomes
         return int(are_touches(self.contacts, outcomes).sum())
 

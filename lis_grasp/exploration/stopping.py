@@ -22,7 +22,7 @@ from lis_grasp.typing import FloatArray
 StopRule = Callable[[Contacts, ImplicitSurface, Sequence[ProbeOutcome]], "str | None"]
 """Returns the reason to stop, or None to continue, from contacts, estimate and outcomes."""
 
-# After how many more contacts another grasp is planned.
+# Number of further contacts after which another grasp is planned.
 _EVERY = 2
 _NONE_PLANNED = FEW_CONTACTS - _EVERY
 # Quantile of the surface that has to be certain: the rest is extrapolated out of the workspace.
@@ -45,7 +45,7 @@ class StopRuleWithMemory(Protocol):
 def stop_when_covered(fraction: float, space: Workspace | Region) -> StopRule:
     """Stop when a fraction, from 0 to 1, of the estimate is within a step of a contact.
 
-    What a table makes untouchable does not count, here and in `stop_when_certain`.
+    Surface that a table makes untouchable does not count, nor does it in `stop_when_certain`.
 
     Raises `InvalidOptionError` if the fraction is out of range.
     """
@@ -111,7 +111,7 @@ class _StopWhenGraspable:
     probability: float
     predict: Callable[[Contacts], float]
     planned: int = _NONE_PLANNED  # contacts at the last prediction
-    is_new: bool = False  # whether the last estimate got a prediction
+    is_new: bool = False  # whether there is a prediction for the last estimate
     # The last two predictions, made when they are used.
     before: Callable[[], float] = _nothing
     last: Callable[[], float] = _nothing
@@ -134,14 +134,14 @@ class _StopWhenGraspable:
 
 
 def _touchable_samples(space: Workspace, surface: ImplicitSurface) -> tuple[FloatArray, FloatArray]:
-    """Return points and normals (P, 3) of an estimate, without what faces or is at the table."""
+    """Return points and normals (P, 3) of an estimate, except at the table or facing it."""
     points, normals = space.sample(surface)
     chosen = space.touchable(points, normals)
     return points[chosen], normals[chosen]
 
 
 def stop_after(seconds: float) -> StopRule:
-    """Stop when the probes have taken a time of the robot [s].
+    """Stop when the probes have taken this much of the robot's time [s].
 
     Raises `InvalidOptionError` if the time is not positive.
     """

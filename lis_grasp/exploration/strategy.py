@@ -18,7 +18,7 @@ from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.records import short_repr
 from lis_grasp.underflow import underflows
 
-# An exploration gives up after this many probes for each touch, and these on top.
+# An exploration gives up after this many probes for each touch, plus this many.
 PROBES_PER_TOUCH, _SPARE_PROBES = 4, 20
 
 MOST_BLOCKED = 20
@@ -27,7 +27,7 @@ MOST_BLOCKED = 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplorationStrategy:
-    """How probes are chosen; nothing of it changes from probe to probe.
+    """How probes are chosen; it does not change from probe to probe.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class ExplorationStrategy:
     stop
         Rules that end the exploration early, checked after every probe once there is an estimate.
     slide
-        Length of slides after touches [m]; 0, and of a tracked object, for none.
+        Length of slides after touches [m]; 0 for none. A tracked object allows none.
 
     Raises
     ------
@@ -68,9 +68,9 @@ class ExplorationStrategy:
 def choose(
     strategy: ExplorationStrategy, state: ExplorationState, *, rng: np.random.Generator
 ) -> NextProbe | str:
-    """Return the next probe, or the reason for which the exploration ends.
+    """Return the next probe, or the reason why the exploration ends.
 
-    The n-th probe draws from the n-th generator that the exploration's own spawns.
+    The n-th probe draws from the n-th generator spawned by the exploration's own.
     """
     if (ended := _reason_to_end(strategy, state)) is not None:
         return ended
@@ -92,7 +92,7 @@ def choose(
 
 
 def end(strategy: ExplorationStrategy, state: ExplorationState, reason: str) -> ExplorationState:
-    """Return the state at the end: what is beyond ends in a region is free space."""
+    """Return the state at the end: space beyond the ends of an object in a region is free."""
     if not isinstance(strategy.space, Region) or len(state.prior):
         return replace(state, ended=reason)
     space = strategy.space.fitted_to(state.contacts)

@@ -28,7 +28,7 @@ class TactileSensor:
     Parameters
     ----------
     force_threshold
-        Contacts of pads with less normal force in all are not detected [N].
+        Contacts of pads with less total normal force are not detected [N].
     position_noise
         One standard deviation of a contact's position along each axis [m].
     normal_noise
@@ -72,13 +72,13 @@ class TactileSensor:
     def free_margin(self) -> float:
         """Distance by which the free space of a link is smaller than the link [m].
 
-        Two standard deviations of a contact's position: a contact must not be removed for its
+        Two standard deviations of a contact's position: a contact must not be removed by its
         noise.
         """
         return 2.0 * self.position_noise
 
     def sense(self, contacts: Contacts, *, rng: Seed = 0) -> Contacts:
-        """Return the reported contacts: those detected, with noise, which they carry."""
+        """Return the reported contacts: detected ones, which carry their noise."""
         rng = np.random.default_rng(rng)
         detected = np.ones(len(contacts), dtype=bool)
         if contacts.forces is not None:

@@ -26,19 +26,19 @@ from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space
 from lis_grasp.surfaces.contact_places import box_lengths
 from lis_grasp.typing import BoolArray, FloatArray
 
-# A target equals an earlier one within this fraction of its gap, if their directions agree.
+# A target repeats an earlier one within this fraction of its gap, if directions agree.
 _SAME_TARGET = 0.4
-# So many failed probes of a target are enough.
+# Failed probes of a target after which it is given up.
 _OFTEN = 3
-# A start equals that of a blocked probe within this distance, in steps.
+# A start repeats that of a blocked probe within this distance, in steps.
 _SAME_START = 0.5
 # Largest depth of a target in free space that a link passed, in steps.
 _IN_FREE_SPACE = 0.05
-# A line to a target passes the contacts' hull at most so far beside it, in steps.
+# A line to a target passes the contacts' hull at most this far beside it, in steps.
 _BESIDE = 0.2
-# The same along a flat object that is so many times as long as wide: its top may go on.
+# The same along a flat object of at least this ratio of length to width: its top may continue.
 _BESIDE_LONG, _LONG = 1.0, 2.0
-# So many probes for every contact may miss: they show where the estimate extends too far.
+# Misses permitted per contact: they show where the estimate extends too far.
 _MISSES = 0.1
 FACES_AWAY = -0.5
 """Cosine of the normals of surface that faces away from a contact, as on the far side of a thin
@@ -54,7 +54,7 @@ _FACES_ALIKE = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """Samples of an estimate, and how each is approached: what its contacts alone decide."""
+    """Samples of an estimate, and the approach to each, by its contacts alone."""
 
     points: FloatArray  # (P, 3) [m]
     normals: FloatArray  # (P, 3), unit, outward
@@ -64,7 +64,7 @@ class Candidates:
 
     @classmethod
     def of(cls, space: Workspace, estimate: DeferredEstimate) -> Candidates:
-        """Return those of an estimate, made once."""
+        """Return the candidates of an estimate, made once."""
         known = estimate.contacts
 
         def make() -> Candidates:
@@ -78,7 +78,7 @@ class Candidates:
         return estimate.derived("candidates", key, make)
 
     def depths_with(self, estimate: DeferredEstimate, contacts: Contacts) -> FloatArray:
-        """Return the depths in the free space that is known now, shape (P,) [m]."""
+        """Return the depths in all free space known now, shape (P,) [m]."""
         later = depths_in_free_space(self.points, estimate, estimate.later(contacts))
         return np.maximum(self.depths, later)
 
@@ -113,7 +113,7 @@ class Targets:
         eligible &= ~_tried(candidates.targets, away, np.minimum(nearest, space.step), outcomes)
         eligible &= ~_starts_blocked(candidates.targets, away, space.step, outcomes)
         misses = sum(outcome.status == "missed" for outcome in outcomes)
-        if misses >= _MISSES * len(contacts):  # most surface beside the hull is extrapolated
+        if misses >= _MISSES * len(contacts):  # surface beside the hull is mostly extrapolated
             _, width, length = box_lengths(contacts.points)
             beside = _BESIDE_LONG if flat and length > _LONG * width else _BESIDE
             eligible &= _meets_hull(points, normals, contacts, beside * space.step)
@@ -123,7 +123,7 @@ class Targets:
 def _meets_hull(
     points: FloatArray, normals: FloatArray, contacts: Contacts, margin: float
 ) -> BoolArray:
-    """Return which probes of points, shape (P,), pass the hull of the contacts on their way."""
+    """Return which probes of points, shape (P,), pass through the hull of the contacts."""
     hull = contact_hull(contacts)
     if hull is None:
         return np.ones(len(points), dtype=np.bool_)
@@ -140,7 +140,7 @@ def gaps(
 ) -> FloatArray:
     """Return each point's distance to the nearest contact on its side, shape (P,) [m].
 
-    Contacts on its side have normals with at least this cosine to the point's.
+    Contacts are on its side if the cosine of the normals is at least this.
     """
     distances = cdist(points, contacts.points)  # (P, N)
     distances[normals @ contacts.normals.T < least_cosine] = np.inf
@@ -154,9 +154,9 @@ def choose_slides(
     contacts: Contacts,
     estimate: DeferredEstimate | None,
 ) -> FloatArray:
-    """Return slides (K, 3) [m] of a length after a probe's touch, to the largest gap first.
+    """Return slides (K, 3) [m] of a length after a probe's touch, the largest gap first.
 
-    They are some of eight; those to places where the estimate has surface are before others.
+    They are some of eight; those that end on the estimate are first.
     """
     place, normal = probe.target, -probe.direction
     if estimate is not None:
@@ -183,9 +183,9 @@ def choose_slides(
 def _tried(
     points: FloatArray, away: FloatArray, gap: FloatArray, outcomes: Sequence[ProbeOutcome]
 ) -> BoolArray:
-    """Return which points, shape (P,), were a target before, from about the same side.
+    """Return which points, shape (P,), were targets before, from about the same side.
 
-    Where probes failed often, from whatever side, is tried as well.
+    Points where probes failed often, from any side, count as tried.
     """
     failed = np.array([outcome.status != "touched" for outcome in outcomes], dtype=np.bool_)
     targets = np.array([outcome.probe.target for outcome in outcomes]).reshape(-1, 3)
@@ -198,9 +198,9 @@ def _tried(
 def _starts_blocked(
     points: FloatArray, away: FloatArray, step: float, outcomes: Sequence[ProbeOutcome]
 ) -> BoolArray:
-    """Return which points, shape (P,), would be probed from a place that the hand did not get to.
+    """Return which points, shape (P,), would be probed from a place that the hand did not reach.
 
-    As in a cavity that is narrow for the hand: another direction from there is blocked as well.
+    In a cavity too narrow for the hand, other directions from there are blocked, too.
     """
     blocked = np.zeros(len(points), dtype=np.bool_)
     starts = [outcome.probe.start for outcome in outcomes if outcome.status == "blocked"]

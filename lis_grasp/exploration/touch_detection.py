@@ -32,16 +32,16 @@ TOUCHES = "touches"
 # a half in two components).
 FORCE_NOISE, APPROACH_NOISE = 0.25, 0.5
 
-# The approach is the motion over the last of these lengths before contact [m], or a fifth of it at
+# The approach is the motion over this last length before contact [m], and over a fifth of it at
 # least.
 _APPROACH = 0.005
-# Free tips are kept this far apart, and this far from contacts at least and at most [m].
+# Recorded free tips are this far apart, and between these distances from contacts [m].
 _FREE_STEP, _FREE_FROM, _FREE_TO = 0.005, 0.005, 0.05
 
 
 @record_of_options
 class TouchDetection:
-    """When a fingertip touches, and where the surface is then."""
+    """Options that decide when a fingertip touches, and where the surface is."""
 
     threshold: float = option(
         1.0, "force at which a touch begins", TOUCHES, metavar="NEWTONS", check=POSITIVE
@@ -81,7 +81,7 @@ class TouchDetection:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Touches:
-    """Touches of one finger. Made by `detect_touches`; all in the object frame O."""
+    """Touches of one finger. `detect_touches` makes them; all are in the object frame O."""
 
     finger: str
     centers: FloatArray  # (N, 3) [m], of the tip
@@ -91,7 +91,7 @@ class Touches:
     directions: FloatArray  # (N, 3) unit, of the measured force; 0 where unknown
     free: FloatArray  # (K, 3) [m], centres of the tip without contact
     unposed: int  # touches whose pose is unknown
-    streams: tuple[tuple[str, str, str], ...] = ()  # role, topic or frame, what it was taken for
+    streams: tuple[tuple[str, str, str], ...] = ()  # role, topic or frame, use
 
 
 def detect_touches(

@@ -26,7 +26,7 @@ _END = "ended"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoggedProbe(Record):
-    """A row of a touch log: what a probe showed, and beside it what was true in simulation."""
+    """A row of a touch log: what a probe showed, and the truth in simulation."""
 
     observation: Observation
     #: (4, 4): true pose of a free object after the probe, in the frame of its contacts
@@ -57,11 +57,11 @@ class TouchLog:
     """A file of probes and what they showed: a header, then one JSON object a line.
 
     Lengths are in metres, times in seconds, everything in the object frame O. Numbers are kept to
-    the last bit. `Exploration.replay` makes the contacts from the observations.
+    the last bit. `Exploration.replay` rebuilds the contacts.
     """
 
     path: Path  #: of a file that need not exist
-    facts: Mapping[str, Any]  #: configuration of the exploration, as plain values: the header
+    facts: Mapping[str, Any]  #: of the exploration, as plain values: the header
 
     def read(self) -> Recording:
         """Return the content of the file; it stays as it is.
@@ -105,12 +105,12 @@ class TouchLog:
 
 
 def load_observations(path: Path) -> tuple[Observation, ...]:
-    """Read every observation of a log, ended or not; errors are those of `read_log`."""
+    """Read every observation of a log, ended or not; for errors see `read_log`."""
     return tuple(probe.observation for probe in read_log(path)[1])
 
 
 def load_outcomes(path: Path) -> tuple[ProbeOutcome, ...]:
-    """Read the outcome of every probe of a log; errors are those of `read_log`."""
+    """Read the outcome of every probe of a log; for errors see `read_log`."""
     return tuple(observation.outcome for observation in load_observations(path))
 
 
@@ -138,7 +138,7 @@ def _row(probe: LoggedProbe) -> Row:
     row = {n: v for n, v in fields_of(outcome.probe).items() if n != "slides" or len(v)}
     row |= {name: getattr(outcome, name) for name in ("status", "reason", "duration", "moved")}
     row |= {name: getattr(contacts, name) for name in names}
-    # None where the noise of one is unknown; nothing if that of all is.
+    # None for a contact of unknown noise; absent if all are unknown.
     known = {name: values.tolist() for name, values in noise.items() if values is not None}
     row |= {name: [None if np.isnan(x) else x for x in values] for name, values in known.items()}
     row |= {"free_points": outcome.free_points, "free_radii": outcome.free_radii}

@@ -20,21 +20,21 @@ STEP_FRACTION = 0.25
 TIP_RADIUS = 0.012
 """Radius of a usual fingertip [m]."""
 
-# Each round, a secant and a bisection step, at least halves the bracket.
+# Each round is a secant and a bisection step, and at least halves the bracket.
 _ROUNDS = 2
-# Grid that samples an estimate: cells a step, and margin of its box in sizes of the object.
+# Grid that samples an estimate: cells per step, and margin of its box in sizes of the object.
 _CELLS_PER_STEP, _MARGIN = 4.0, 0.05
-# An estimate is sampled within so many sizes of the contacts' box.
+# An estimate is sampled within this many sizes of the contacts' box.
 _REACH = 0.25
-# Surface within so many steps above a table is at the table.
+# Surface within this many steps above a table counts as at the table.
 _AT_TABLE = 0.2
 # Above a table, surface that faces down more than this (45 degrees) cannot be touched.
 _FACES_DOWN = -float(np.sqrt(0.5))
 # A fingertip in a level motion stays this high above a table [m].
 _TIP_CLEARANCE = 0.0015
-# Least step, in sizes: a few contacts in a line would show that of a thread.
+# Least step, in sizes: a few contacts in a line would give the step of a thread.
 _LEAST_STEP = 1.0 / 16.0
-# Fewer contacts show no size.
+# Fewer contacts do not show a size.
 _FEW = 4
 
 
@@ -54,7 +54,7 @@ class Workspace:
         Height in O of the table under the object [m]; None for an object that is held, and can be
         touched from below.
     tip_radius
-        Radius of the fingertips that touch [m]: how low a level motion above the table can be.
+        Radius of the fingertips that touch [m]: it limits how low a level motion can be.
 
     Raises
     ------
@@ -86,16 +86,16 @@ class Workspace:
         return (self.support_height or 0.0) + lowest_tip(self.tip_radius)
 
     def grown(self, contacts: Contacts) -> Workspace:
-        """Return the workspace that contains the object: this one; see `Region.grown`."""
+        """Return the workspace that contains the object: itself; see `Region.grown`."""
         return self
 
     def fitted_to(self, contacts: Contacts) -> Workspace:
         """Return the workspace with the step of the object that the contacts show.
 
-        The step is `STEP_FRACTION` of the diameter of the ball of the same area: as many steps
-        cover a bar as a ball. The area is that of the box along the contacts' principal axes,
-        enlarged to the known size. The step never exceeds the original one, which is that of
-        objects about as wide as long.
+        The step is `STEP_FRACTION` of the diameter of the ball of equal area: equally many steps
+        cover a bar and a ball. The area is that of the box along the contacts' principal axes,
+        enlarged to the known size. The step never exceeds the original one, which suits objects
+        about as wide as long.
         """
         if len(contacts) < _FEW:
             return self
@@ -105,7 +105,7 @@ class Workspace:
         return replace(self, step=min(self.step, step))
 
     def touchable(self, points: FloatArray, normals: FloatArray) -> BoolArray:
-        """Return which surface points (P, 3) [m] a table leaves to be touched, shape (P,).
+        """Return which surface points (P, 3) [m] can be touched above a table, shape (P,).
 
         Surface at the table, or with an outward normal (P, 3) that points down, cannot be touched.
         """
@@ -155,7 +155,7 @@ class Workspace:
 
 
 def lowest_tip(tip_radius: float) -> float:
-    """Return the lowest height of a tip's centre above a table that it does not touch [m]."""
+    """Return the least height of a tip's centre above a table without touching it [m]."""
     return tip_radius + _TIP_CLEARANCE
 
 
@@ -182,7 +182,7 @@ class ObstacleModel:
             (column > low - reach) & (column < high + reach)
             for column, low, high in zip(points.T, *self.contacts.bounds, strict=True)
         ]
-        near = np.flatnonzero(np.logical_and.reduce(inside))  # of the contacts' box: the tree costs
+        near = np.flatnonzero(np.logical_and.reduce(inside))  # in the contacts' box: it is slow
         tree = cKDTree(self.contacts.points)
         near = near[np.isfinite(tree.query(points[near], distance_upper_bound=reach)[0])]
         if len(near):
