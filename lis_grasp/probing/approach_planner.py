@@ -40,24 +40,24 @@ def _directions(*angles: float) -> FloatArray:
     )
 
 
-# Finger directions oblique and perpendicular to the motion, +x; and tilts that an arm often reaches
-# where it does not reach the motion's direction.
+# Finger directions oblique and perpendicular to the motion, +x; and tilted ones, which an arm often
+# reaches where it does not reach the motion's direction.
 _OBLIQUE, _TILTED = _directions(np.pi / 4.0, np.pi / 2.0), _directions(np.pi / 12.0, np.pi / 6.0)
 # Low on an object's side the hand stays above a fingertip that points obliquely down.
 _DOWN = np.deg2rad([45.0, 60.0, 75.0])
 
-# Of a motion beyond its target, inner links keep off the estimate so far [m].
+# Inner links keep this far off the estimate on a motion beyond its target [m].
 _FARTHER = 0.005
-# Axes that are tried before those.
+# Number of axes that are tried before the oblique ones.
 _FIRST = 1 + len(_TILTED)
 
 # Spacing of points on the hand; links are thicker [m].
 _SPACING = 0.015
-# Cells of the grid along the object's largest extent; the grid reaches beyond it by so many sizes.
+# Cells of the grid along the object's largest extent; the grid extends this many sizes beyond it.
 _CELLS, _MARGIN = 24, 0.2
-# Fewer contacts show no surface: inner links keep out of nothing.
+# Fewer contacts do not show a surface, and inner links may be anywhere.
 _FEW = 5
-# Distance to keep from the estimate: so many standard deviations, between these bounds [m].
+# Distance to keep from the estimate: standard deviations, and its bounds [m].
 _DEVIATIONS, _LEAST, _LARGEST = 2.0, 0.004, 0.012
 
 FREE, NEAR, INSIDE = range(3)
@@ -91,11 +91,11 @@ class ApproachPlanner:
 
     A hand in a probe posture is one rigid body with a leading finger. So its pose at a start
     follows in closed form from the direction of the finger and the roll about it. The finger
-    points along the probe's motion; if that collides, as in a bore, it is oblique or perpendicular
+    points along the probe's motion. If that collides, as in a bore, it is oblique or perpendicular
     to the motion, and touches with its side. Without a probe posture, raises InvalidHandError.
 
     With a `station`, the approach and the probe's motion have to be within its arm's reach. Then
-    fingers tilted by 15 and 30 degrees, and those turned down, are tried before oblique ones. Only
+    fingers tilted by 15 and 30 degrees, and those turned down are tried before oblique ones. Only
     fingertips are to touch: other links keep out of the estimated object, and off it where the arm
     can (`KeepOut`). Probes are in its frame W. The hand keeps off `obstacles`, a mesh [m] in the
     frame of the probes, on the approach and on the probe's whole motion.
@@ -125,7 +125,7 @@ class ApproachPlanner:
             (posture, leading_center(hand, posture), points_H)
             for posture, points_H in zip(postures, points, strict=True)
         ]
-        self._inner: dict[str, FloatArray] = {}  # by finger: only an arm needs them
+        self._inner: dict[str, FloatArray] = {}  # by finger; only an arm needs it
         if station is not None:
             inner = points_on_links(hand, joints, hand.fingertip_links)
             self._inner = {p.finger: points for p, points in zip(postures, inner, strict=True)}
@@ -184,7 +184,7 @@ class ApproachPlanner:
         return bool(self._checker.hit_obstacle(path[None], q[None])[0])
 
     def _nearness(self, approach: Approach, probe: Probe, keep_out: KeepOut) -> int:
-        """Return how near the links that are no fingertips come to the estimate on the motion."""
+        """Return how near the links other than fingertips come to the estimate on the motion."""
         points = apply_pose(approach.X_OH, self._inner[approach.posture.finger])  # (P, 3)
         length = probe.standoff + min(probe.overshoot, _FARTHER)
         ahead = np.append(np.arange(0.0, length, _POSE_SPACING), length)[:, None] * probe.direction
@@ -221,7 +221,7 @@ def _collides(points: FloatArray, obstacles: ObstacleModel) -> BoolArray:
 def _rolled(
     posture: ProbePosture, center_H: FloatArray, probe: Probe, axis: FloatArray, distance: float
 ) -> Iterator[Approach]:
-    """Yield the approaches of all rolls about the axis, leading point at the probe's start."""
+    """Yield the approach for each roll about the axis, the leading point at the probe's start."""
     center_O = probe.start - posture.radius * probe.direction
     R_OX, R_XH = rotation_to_x(axis).T, rotation_to_x(posture.direction_H)
     for roll in _ROLLS:
@@ -230,7 +230,7 @@ def _rolled(
 
 
 def _turned_down(direction: FloatArray) -> FloatArray:
-    """Return directions (A, 3) between one of a motion, (3,), and straight down."""
+    """Return directions (A, 3) between a motion's, (3,), and straight down."""
     down = np.array([0.0, 0.0, -1.0])
     across = down - (down @ direction) * direction
     length = float(np.linalg.norm(across))
@@ -252,7 +252,7 @@ def rotation_to_x(direction: FloatArray) -> FloatArray:
 
 
 class KeepOut:
-    """The estimated object, and around it what is within two standard deviations of its surface.
+    """The estimated object, and the space within two standard deviations of its surface.
 
     Only fingertips are to touch it: the estimate counts everywhere, also far from all contacts.
     A grid of nodes approximates it; with fewer than five contacts, everything is free.

@@ -20,7 +20,7 @@ FREE_POINT_SPACING = 0.01
 
 # The palm starts and stops with this acceleration on straight legs [m/s^2].
 _ACCELERATION = 0.5
-# A shorter leg is none [m].
+# Shorter legs are left out [m].
 _LEAST = 1e-6
 
 
@@ -32,9 +32,9 @@ class Leg:
     direction: FloatArray  # (3,), unit, in O
     planned: float  # length as planned [m]
     speed: float  # [m/s]
-    q_arm: FloatArray | None = None  # (S, J): an arm's positions at even places of this length
+    q_arm: FloatArray | None = None  # (S, J): an arm's positions at even places along this length
     length: float = 0.0  # up to its end or a contact [m]
-    remaining: float = 0.0  # what a contact left of it [m]
+    remaining: float = 0.0  # the part after a contact [m]
 
     @property
     def places(self) -> FloatArray:
@@ -47,11 +47,11 @@ class Leg:
 class Slide:
     """Motion of a hand that keeps a fingertip on the surface after its first contact."""
 
-    places: FloatArray  # (K, 3): the palm's, where the tip touched, then lifted at the end [m]
-    length: float  # of the tip's way [m]
+    places: FloatArray  # (K, 3): of the palm, where the tip touched, then lifted at the end [m]
+    length: float  # of the tip's path [m]
     touched: NearestLink | None  # the contact at its end; None if it ended too early
     normal: FloatArray  # (3,), of the surface there
-    before: float = 0.0  # time of others that were too short, and back [s]
+    before: float = 0.0  # time of earlier slides, which were too short, and back [s]
 
     @property
     def until_end(self) -> float:
@@ -60,7 +60,7 @@ class Slide:
 
     @property
     def duration(self) -> float:
-        """Time of the slide and of the retreat the same way [s]."""
+        """Time of the slide and of the retreat along it [s]."""
         return self.until_end + self.length / TRANSIT_SPEED
 
 
@@ -68,12 +68,12 @@ class Slide:
 class Course:
     """Motion of a hand on a probe up to the first contact, by geometry alone."""
 
-    finger: str  # that leads
+    finger: str  # the leading one
     joint_positions: FloatArray  # (J,) of the hand
     legs: tuple[Leg, ...]  # the approach, and the probe's motion if the hand arrived at its start
     touched: NearestLink | None  # the touching link and its contact
     at_table: bool = False  # whether the table ended the motion before the probe's target
-    way: JointTrajectory | None = None  # of an arm from its home to the approach
+    way: JointTrajectory | None = None  # path of an arm from its home to the approach
     slide: Slide | None = None  # after the first contact
 
     @property
@@ -97,7 +97,7 @@ class Course:
 
     @property
     def duration(self) -> float:
-        """Time of the motion and of the retreat the same way [s]."""
+        """Time of the motion and of the retreat along it [s]."""
         back = sum(leg.length for leg in self.legs)
         if self.way is None:
             slide = 0.0 if self.slide is None else self.slide.duration
@@ -115,14 +115,14 @@ class Course:
 
 
 PathOf = Callable[[Arm, Course, float, float], JointTrajectory]
-"""Returns the arm's path: of a course, the distance of its end from the contact, a step [m, s]."""
+"""Returns an arm's path from a course, its end's distance to the contact [m], and a step [s]."""
 
 
 def path_out(arm: Arm, course: Course, before: float, step: float) -> JointTrajectory:
     """Return the path from home to the end of a course, or to `before` [m] ahead of its contact.
 
-    The transit as planned, then the straight legs at the course's speeds, or slower where the arm's
-    limits, times its `speed_fraction`, need it. There is a point each `step` [s].
+    The path has the transit as planned, then the straight legs at the course's speeds, or slower
+    where the arm's limits, times its `speed_fraction`, need it. There is a point each `step` [s].
     Ahead of a contact the palm keeps its speed.
     """
     assert course.way is not None
@@ -174,7 +174,7 @@ def _timed(
     speed = min(speed, float(np.sqrt((2.0 if keeps_speed else 1.0) * _ACCELERATION * length)))
     ramp = speed / _ACCELERATION  # [s]
     duration = length / speed + (0.5 if keeps_speed else 1.0) * ramp
-    # The last point is at the end: the whole motion takes that little longer.
+    # The last point is at the end, so the whole motion takes slightly longer.
     count = max(int(np.ceil(slower * duration / step)), 1)
     slower = count * step / duration
     times: FloatArray = step * np.arange(count + 1, dtype=np.float64)

@@ -34,7 +34,7 @@ SLIDE_STEP = 0.0025
 
 # A slide ends where the surface has turned by 60 degrees from the first contact.
 _LEAST_TURN_COSINE = 0.5
-# It has come to an edge where a contact proceeds by less than this fraction of a step.
+# It has reached an edge where the contact proceeds by less than this fraction of a step.
 _PROGRESS = 0.5
 # A slide that is shorter than this fraction of the wanted length gives no second contact.
 _LEAST_SLIDE = 0.4
@@ -44,7 +44,7 @@ class GuardedMotion:
     """Moves a hand through the true scene until a link touches.
 
     Conservative advancement (Mirtich 1996): move as far as the distance between links and object
-    allows, repeatedly. Distances are python-fcl's, on the exact mesh: the true object in O [m]. A
+    allows, repeatedly. python-fcl computes distances on the exact mesh: the true object in O [m]. A
     hand without probe posture and a mesh that is not watertight are refused.
 
     Probes, obstacles and courses are in the frame E in which the hand is commanded. It is O until
@@ -87,7 +87,7 @@ class GuardedMotion:
         """Move up to the first contact; return the course, or the reason that blocks the probe.
 
         With `obstacles`, the hand approaches from outside of the object's ball, avoids the known
-        object, and stops above the table. Without, it starts where no link touches the object.
+        object, and stops above the table. Without them, it starts where no link touches the object.
         """
         way = None
         if obstacles is None:
@@ -123,7 +123,7 @@ class GuardedMotion:
 
     @cached_property
     def face_normals(self) -> FloatArray:
-        """Unit normals of the mesh, shape (F, 3); that of its surroundings where a face is flat."""
+        """Unit normals of the mesh, shape (F, 3); of the neighbours where a face is flat."""
         normals = np.array(self._mesh.face_normals)
         flat = np.linalg.norm(normals, axis=1) < 0.5
         around = np.asarray(self._mesh.vertex_normals)[self._mesh.faces[flat]].sum(axis=1)  # (K, 3)
@@ -134,7 +134,7 @@ class GuardedMotion:
         """Slide a touching fingertip of the placed hand along the surface; None if it cannot.
 
         The first of the probe's slides that is long enough, or turns around the object, counts;
-        after another the tip goes back. The hand does not turn.
+        after any other, the tip goes back. The hand does not turn.
         """
         finger, touched = course.finger, course.touched
         if not len(probe.slides) or course.way is not None or self._X_OE is not None:
@@ -154,12 +154,12 @@ class GuardedMotion:
     def _slide_along(
         self, wanted: FloatArray, course: Course, height: float, before: Slide | None
     ) -> Slide:
-        """Slide the tip by a vector (3,) [m] after others, down to a height of the hand's origin.
+        """Slide the tip by a vector (3,) [m] after earlier slides; the palm stays above a height.
 
-        The tip follows the surface by the normal that it feels, as Lepora et al. 2017 let a tactile
-        sensor follow a contour: lift by a step, move along the tangent, press against the normal.
-        The slide ends after the wanted length, at an edge, at a wall, which is its last contact,
-        where the surface turns too much, or above the table.
+        The tip follows the surface by the measured normal, as the tactile sensor of Lepora et al.
+        2017 follows a contour: lift by a step, move along the tangent, press against the normal.
+        The slide ends after the wanted length, at an edge, at a wall (its last contact), where the
+        surface turns too much, or above the table.
         """
         assert course.touched is not None
         leg, end, length = course.last, course.touched, 0.0
@@ -202,14 +202,14 @@ class GuardedMotion:
         return Slide(so_far, length, reached, normal, before.duration)
 
     def _moved(self, leg: Leg, end: float) -> tuple[Leg, NearestLink | None]:
-        """Move the placed hand along a leg up to `end` [m]; return its part, and what touched."""
+        """Move the placed hand along a leg up to `end` [m]; return its part, and the link that touched."""
         touched, length = self._advance(leg.direction, end)
         return replace(leg, length=length, remaining=end - length), touched
 
     def outcome(
         self, probe: Probe, obstacles: ObstacleModel | None
     ) -> tuple[ProbeOutcome, Course | None]:
-        """Return the outcome of a probe as if no link touched, and its course if it has one."""
+        """Return the outcome of a probe as if no link touched, and its course, if any."""
         course = self.run(probe, obstacles)
         if isinstance(course, str):
             return ProbeOutcome(probe, "blocked", reason=course), None
@@ -252,7 +252,7 @@ class GuardedMotion:
         for approach in self._planner.starts(probe):
             radius = approach.posture.radius
             if radius not in inside:
-                # A hand that does not cross the surface is all inside or all outside.
+                # A hand that does not cross the surface is wholly inside or outside.
                 center = probe.start - radius * probe.direction
                 if self._X_OE is not None:
                     center = apply_pose(self._X_OE, center)
@@ -264,7 +264,7 @@ class GuardedMotion:
     def _advance(
         self, direction: FloatArray, length: float, start: FloatArray | float = 0.0
     ) -> tuple[NearestLink | None, float]:
-        """Move the hand from a start (3,) [m] beside where it is placed until a link touches.
+        """Move the hand, from an offset (3,) [m] to its placed pose, until a link touches.
 
         Return the link and the distance [m].
         """

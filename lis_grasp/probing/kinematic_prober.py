@@ -22,9 +22,9 @@ from lis_grasp.typing import FloatArray
 
 Fingers = Literal["one", "all"]
 
-# Points on a pad's path, for its length.
+# Points on a pad's path that measure its length.
 _PATH_POINTS = 33
-# Least step of an extension, as a fraction of all of it, so that grazing motions end.
+# Least step of an extension, as a fraction of the whole, so that grazing motions end.
 _LEAST_STEP = 1e-4
 
 
@@ -32,9 +32,9 @@ class KinematicProber:
     """Probes by geometry alone: ten times faster than `DynamicProber`, without forces.
 
     The hand moves until its first link touches (`GuardedMotion`). The contact is the point of the
-    object that the link touches, with the normal of the triangle there. The first
-    touch ends a probe of ``"one"`` of the `fingers`; of ``"all"`` the others extend then, and each
-    that touches adds a contact. Probes are in the reach of the arm of a `station`.
+    object that the link touches, with the normal of the triangle there. With `fingers` ``"one"``
+    the first touch ends a probe. With ``"all"`` the others then extend, and each that touches adds
+    a contact. With a `station`, probes must be within the reach of its arm.
 
     Raises `InvalidHandError` if the hand has no probe posture, `InvalidMeshError` if the mesh of
     the true object in O [m] is not watertight.
@@ -54,7 +54,7 @@ class KinematicProber:
 
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
         """Carry out one probe; see `Prober`."""
-        if self._extender is not None:  # the other fingers would slide, too
+        if self._extender is not None:  # other fingers would slide, too
             probe = replace(probe, slides=probe.slides[:0])
         missed, course = self._motion.outcome(probe, obstacles)
         if course is None or course.touched is None:
@@ -114,9 +114,9 @@ class FingerExtender:
     """Moves fingers towards the postures in which they lead, until a link touches.
 
     After a touch, the palm and all other fingers rest. Conservative advancement (Mirtich 1996)
-    over the joints: a finger's point moves at most by the joints' motions times their distances
-    from the farthest point. So each step is as long as the distance to the object allows. Only
-    joints that belong to one finger alone move. Distances are python-fcl's, on the exact,
+    over the joints: a point of a finger moves at most by the sum over joints of motion times
+    distance to the farthest point. So each step is as long as the distance to the object allows.
+    Only joints that belong to one finger alone move. python-fcl computes distances on the exact,
     watertight mesh.
     """
 

@@ -1,4 +1,4 @@
-"""Plan of a probe, by what is known: approach, way of an arm, and straight legs down to a table."""
+"""Plan of a probe from what is known: approach, path of an arm, and legs that end at a table."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
 
-# An arm keeps the hand off the table by this [m]: it sags by a part of that.
+# An arm keeps the hand this far off the table [m], because it sags a little.
 _ARM_ERROR = 0.003
 
 NO_ARM_TRANSIT = "the arm has no collision-free path from its home to the approach"
 
-# The leading fingertip of an approach begins at the ball that contains the object: transits keep
-# off a ball that is smaller by these [m], and where the hand begins inside, by fractions of it.
+# The leading fingertip of an approach begins at the ball that contains the object. Transits keep
+# off a ball smaller by these lengths [m]; where the hand begins inside, by these fractions.
 _INSIDE = (0.015, 0.03)
 _FRACTIONS = (0.6, 0.3)
 
 
 class ProbePlanner:
-    """Plans probes of a hand, free or on the arm of a station, in what is known of the object.
+    """Plans probes of a hand, free or on a station's arm, from what is known of the object.
 
     Without a probe posture, raises InvalidHandError.
     """
@@ -68,7 +68,7 @@ class ProbePlanner:
         self._transits = ArmTransits(station)
 
     def kept_off(self, obstacles: ObstacleModel) -> ObstacleModel:
-        """Return obstacles with a table that is higher by what an arm may err."""
+        """Return obstacles with the table raised by the error of an arm."""
         height = obstacles.space.support_height
         if height is None or self._transits is None:
             return obstacles
@@ -76,7 +76,7 @@ class ProbePlanner:
         return replace(obstacles, space=space)
 
     def approach(self, probe: Probe, obstacles: ObstacleModel) -> Approach | str:
-        """Return the approach to a probe, or the reason that there is none."""
+        """Return the approach to a probe, or the reason why there is none."""
         blocked = NO_FREE_APPROACH if self._transits is None else OUT_OF_ARM_REACH
         return self._approaches.plan(probe, obstacles) or blocked
 
@@ -85,7 +85,7 @@ class ProbePlanner:
         return self._approaches.starts(probe)
 
     def transit(self, approach: Approach, space: Workspace) -> JointTrajectory | str | None:
-        """Return an arm's way from home to an approach, or why there is none; None without arm."""
+        """Return an arm's path from home to an approach, or why there is none; None without arm."""
         if self._transits is None or approach.arm is None:
             return None
         begin, q_hand = approach.arm.approach[0], approach.posture.joint_positions
@@ -126,10 +126,10 @@ def transit_radii(space: Workspace) -> list[float]:
 
 
 class ArmTransits:
-    """Plans an arm's way from home to the approach of each probe, outside of the object's ball.
+    """Plans an arm's path from home to the approach of each probe, outside of the object's ball.
 
-    What is in the ball is unknown, and only approach and probe enter it. The arm returns the same
-    way, so that a probe does not depend on the one before.
+    The content of the ball is unknown, and only approach and probe enter it. The arm returns along
+    the same path, so that a probe does not depend on the one before.
     """
 
     def __init__(self, station: Station) -> None:
@@ -145,7 +145,7 @@ class ArmTransits:
         """
         for radius in transit_radii(space):
             planner = self._planner(space, radius)
-            rng = np.random.default_rng(0)  # the same transit in equal calls
+            rng = np.random.default_rng(0)  # equal calls, equal transits
             corners = planner.plan(self._home, goal, q_hand, rng=rng)
             if corners is not None:
                 return time_path(
