@@ -42,7 +42,7 @@ CONTENT: Mapping[str, Content] = {
 
 
 class BagLog:
-    """Forces and poses of a bag. Times are those of the headers, or else of the recording."""
+    """Forces and poses of a bag. Times are from the headers, or else from the recording."""
 
     unused = ()
 
@@ -132,9 +132,9 @@ class BagLog:
         )
 
     def joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
-        """Return the positions of those joints that are logged.
+        """Return the positions of the logged joints.
 
-        A source is a topic, and the names that messages have in common: those of one publisher.
+        A source is a topic with the names that its messages share, which one publisher sends.
         """
         series = self._all_joints()
         return {name: series[name] for name in names if name in series}
@@ -167,7 +167,7 @@ class BagLog:
         return self._series
 
     def _time(self, message: Any, recorded: float) -> float:
-        """Return the time of a message [s], by the clock that is chosen."""
+        """Return the time of a message [s], by the chosen clock."""
         return (self._reading.clock == "header" and _stamp(message)) or recorded
 
     def _require_distinct(self, topic: str, times: list[float], rows: list[Any]) -> None:
@@ -176,7 +176,7 @@ class BagLog:
             raise InvalidInputError(reason)
 
     def _repeated(self, name: str, times: FloatArray, values: FloatArray) -> str:
-        """Return what is wrong with times of which most are of several values; empty if nothing."""
+        """Return what is wrong if most times belong to several values; empty if nothing."""
         if len(times) < 2:
             return ""
         order = np.argsort(times, kind="stable")
@@ -214,8 +214,8 @@ class BagLog:
         try:
             reader = AnyReader([self._path], default_typestore=store)
             reader.open()
-        # Of 450 bags with cut or changed bytes 292 raised errors of nine classes: three of rosbags,
-        # UnicodeDecodeError, AssertionError, KeyError, OverflowError, MemoryError, apsw's.
+        # 292 of 450 bags with cut or changed bytes raised errors of nine classes: three of rosbags,
+        # UnicodeDecodeError, AssertionError, KeyError, OverflowError, MemoryError, and apsw's.
         except Exception:  # noqa: BLE001
             raise self._damaged() from None
         return closing(reader)

@@ -29,7 +29,7 @@ from lis_grasp.typing import FloatArray
 Orientation = Literal["xyzw", "wxyz", "rotvec", "rpy", "ignored"]
 ORIENTATIONS: tuple[str, ...] = get_args(Orientation)
 
-# What columns of an orientation may mean; where there are two, the user is asked.
+# Possible meanings of the columns of an orientation; of two, the user has to choose.
 TURNS: Mapping[tuple[str, ...], tuple[Orientation, ...]] = {
     ("qx", "qy", "qz", "qw"): ("xyzw",),
     ("roll", "pitch", "yaw"): ("rpy",),
@@ -40,7 +40,7 @@ TURNS: Mapping[tuple[str, ...], tuple[Orientation, ...]] = {
 FORCES = (("fx", "fy", "fz"), ("force",))
 POINT = ("x", "y", "z")
 TIME = ("time", "timestamp", "stamp", "__time", "t", "%time")
-"""Names of the time; that of ``rostopic echo -p``, ``%time``, is in nanoseconds."""
+"""Names of the time; ``%time``, by ``rostopic echo -p``, is in nanoseconds."""
 
 BODIES = {"tip": ["tip", "tcp", "ee", "eef", "tool", "fingertip"], "object": ["object", "obj", "o"]}
 """Words before a quantity that name its body; without one it is the tip's."""
@@ -72,7 +72,7 @@ _TURNED = 2.0 * math.pi + 1e-6  # [rad] beyond which an angle is in degrees
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogColumns:
-    """The columns of a table that are understood, in SI units, and the names of the others."""
+    """The understood columns of a table, in SI units, and the names of the others."""
 
     path: Path
     values: Mapping[tuple[str, str], FloatArray]  # by body and name; the body of time is empty
@@ -92,10 +92,10 @@ class LogColumns:
         return next((names for names in TURNS if self.has(body, names)), ())
 
     def quaternions(self, body: str, meaning: Orientation | None) -> FloatArray:
-        """Return orientations (T, 4) as x y z w of a body; it is unturned without such columns.
+        """Return orientations (T, 4) of a body as x y z w, the identity without such columns.
 
-        Raises `InvalidFileError` if what the columns mean is not known and not given by `meaning`,
-        a component is missing, or angles are in degrees.
+        Raises `InvalidFileError` if the meaning of the columns is neither known nor given as
+        `meaning`, a component is missing, or angles are in degrees.
         """
         count = len(self.values["", "time"])
         names = () if meaning == "ignored" else self.turn_names(body)
@@ -137,7 +137,7 @@ class LogColumns:
         return turned
 
     def _require_whole(self, body: str) -> None:
-        """Raise `InvalidFileError` if a part of the columns of an orientation is there."""
+        """Raise `InvalidFileError` if only some columns of an orientation are there."""
         for names in TURNS:
             there = [name for name in names if (body, name) in self.values]
             if there:
@@ -220,7 +220,7 @@ def _meaning(text: str) -> tuple[str, str] | None:
 def _of_joints(
     values: dict[tuple[str, str], FloatArray], titles: dict[tuple[str, str], str]
 ) -> list[str]:
-    """Take away q0, q1, ... that are no four numbers of an orientation, and return their titles."""
+    """Remove q0, q1, ... unless they are four numbers of an orientation; return their titles."""
     numbered = [key for key in values if key[1][:1] == "q" and key[1][1:].isdecimal()]
     for body in BODIES:
         mine = tuple(sorted(name for owner, name in numbered if owner == body))

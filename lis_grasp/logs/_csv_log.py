@@ -28,7 +28,7 @@ from lis_grasp.logs._streams import (
 from lis_grasp.logs.reading import LogReading
 from lis_grasp.typing import FloatArray
 
-_OTHERS = {"velocity", "effort"}  # of joints
+_OTHERS = {"velocity", "effort"}  # other values of joints
 _LEAST_STEP = 1e-4  # [s], of a log in the right unit
 
 
@@ -38,10 +38,10 @@ class CsvLog:
     def __init__(
         self, path: Path, *, posed: bool = True, reading: LogReading = LogReading()
     ) -> None:
-        """Read a table, with the tip if `posed`; `InvalidFileError` if it lacks columns, or more.
+        """Read a table, with the tip if `posed`; `InvalidFileError` if it lacks columns.
 
-        Columns are those of bags too, as ``wrench.force.x``, and may state units, as ``time_ms``.
-        Rows that repeat a time are taken in order, between this time and the next.
+        Columns may have the names in bags, as ``wrench.force.x``, and state units, as ``time_ms``.
+        Rows that repeat a time are spread, in order, up to the next time.
         """
         self._path, self._reading = path, reading
         self._columns = columns = read_columns(path)
@@ -76,7 +76,7 @@ class CsvLog:
         return TimedForces(self._times[order], self._columns.table("tip", self._force)[order])
 
     def poses(self, topic: str) -> TimedPoses:
-        """Return the poses of `tip` or `object`; without columns of an orientation not turned."""
+        """Return the poses of `tip` or `object`; unturned without columns of an orientation."""
         positions = self._columns.table(topic, POINT)
         quaternions = self._columns.quaternions(topic, self._reading.orientation)
         values = np.hstack([positions, quaternions])
@@ -87,9 +87,9 @@ class CsvLog:
         return FrameTree({})
 
     def joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
-        """Return positions of joints whose columns have their names, as of bags too.
+        """Return positions of joints whose columns have their names, also as in bags.
 
-        Such as ``elbow``, ``/joint_states/elbow/position`` or ``position.elbow``.
+        Examples are ``elbow``, ``/joint_states/elbow/position`` and ``position.elbow``.
         """
         titles, rows = read_table(self._path)
         lowered = {name.lower(): name for name in names}
@@ -106,7 +106,7 @@ class CsvLog:
         return found
 
     def joint_names(self) -> tuple[str, ...]:
-        """Return the columns that are not understood, of which some may be joints."""
+        """Return the columns that are not understood; some may be joints."""
         return self._columns.unused
 
     def _names(self, body: str) -> tuple[str, ...]:
@@ -114,7 +114,7 @@ class CsvLog:
         return (*POINT, *(() if ignored else self._columns.turn_names(body)))
 
     def _require_order(self) -> None:
-        """Raise if times go back where the tip's path does not: two recordings in one table."""
+        """Raise if times go back but the tip's path does not: the table has two recordings."""
         if not self._columns.has("tip", POINT) or not np.any(np.diff(self._times) < 0.0):
             return
         path = self._columns.table("tip", POINT)
@@ -137,8 +137,8 @@ class CsvLog:
 def _in_order(path: Path, times: FloatArray) -> FloatArray:
     """Return the times of rows; those that repeat a time are spread, in order, up to the next one.
 
-    Raises `InvalidFileError` if all are one time, or rows are farther apart than poses are
-    interpolated.
+    Raises `InvalidFileError` if all times are equal, or rows are too far apart to interpolate
+    poses.
     """
     known = np.isfinite(times)
     stamps, group, counts = np.unique(times[known], return_inverse=True, return_counts=True)

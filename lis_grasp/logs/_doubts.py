@@ -18,8 +18,8 @@ from lis_grasp.logs.readers import RobotLog
 from lis_grasp.surfaces.contact_places import SMALLEST
 from lis_grasp.typing import FloatArray
 
-_SURE = 3.0  # standard deviations of a mean beyond which a difference is no chance
-_FEWEST = 3  # touches that are compared
+_SURE = 3.0  # standard deviations of a mean beyond which a difference is not chance
+_FEWEST = 3  # touches to compare
 
 
 def require_places(places: FloatArray, advice: str) -> None:
@@ -83,7 +83,7 @@ def question_directions(touches: Touches, detection: TouchDetection) -> None:
 
 
 def question_object(log: RobotLog, touches: list[Touches]) -> None:
-    """Note the poses of an object that moves, and is taken as fixed."""
+    """Note the poses of an object that moves but is taken as fixed."""
     used = {name for touch in touches for _, name, _ in touch.streams}
     for topic in log.topics:
         if topic.content == "pose" and topic.name not in used and "object" in topic.name.lower():

@@ -113,8 +113,9 @@ class TimedPoses:
     def at(self, times: FloatArray) -> FloatArray:
         """Return the interpolated poses at times (N,), shape (N, 4, 4); NaN where unknown.
 
-        Positions linearly, orientations along great circles (Slerp). A single sample is a static
-        transform. Unknown are times outside of the samples, or in a gap of more than 0.25 s.
+        Positions are interpolated linearly, orientations along great circles (Slerp). A single
+        sample is a static transform. Times outside of the samples, or in a gap of more than 0.25 s,
+        are unknown.
         """
         if not len(self.times):
             return np.full((len(times), 4, 4), np.nan)
@@ -141,9 +142,9 @@ class FrameTree:
     transforms
         Poses of the child in the parent.
     unknown
-        Why a transform that a pose needs is not there, in words.
+        Why a needed transform is missing, in words.
     sources
-        Topics or columns that they are from.
+        Topics or columns of the transforms.
     """
 
     transforms: Mapping[tuple[str, str], TimedPoses]

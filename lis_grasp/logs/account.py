@@ -1,4 +1,4 @@
-"""Account of a log: the topics and columns that the contacts are from, and those not used."""
+"""Account of a log: the topics and columns of the contacts, and unused ones."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from lis_grasp.logs.readers import RobotLog
 
 @dataclass(frozen=True, slots=True)
 class LogAccount:
-    """What was used of a log, and what was not.
+    """The used and the unused parts of a log.
 
     Attributes
     ----------
     used
-        The topics or frames of forces, tips and the object, each with what it was taken for.
+        The topics or frames of forces, tips and the object, each with its use.
     unused
         Topics and columns that no contact depends on.
     """
@@ -38,7 +38,7 @@ def account_of(log: RobotLog, used: Iterable[tuple[str, str, str]]) -> LogAccoun
     log
         The log.
     used
-        Role, topic or frame, and what it was taken for, of each stream.
+        Role, topic or frame, and use of each stream.
     """
     streams = list(dict.fromkeys(used))
     kinds = {topic.name: topic.type for topic in log.topics}

@@ -39,9 +39,9 @@ class Finger:
     force
         Topic of its force; None takes the only one of the log.
     tip
-        Topic or frame of its tip's pose; None takes the only topic of poses but the object's.
+        Topic or frame of its tip's pose; None takes the only topic of poses beside the object's.
     name
-        For the contacts.
+        Name of the finger in the contacts.
     """
 
     force: str | None = None
@@ -53,7 +53,7 @@ class Finger:
 class LogFrames:
     """Frames of a log, and the object's; conditioning of the forces.
 
-    In Python, `object_frame` is a matrix (4, 4), or its rows.
+    In Python, `object_frame` is a (4, 4) matrix or its rows.
     """
 
     object_pose: str | None = option(
@@ -141,7 +141,7 @@ def contacts_from_log(
 
 
 def _slow_topics(log: RobotLog) -> str:
-    """Return which topics of poses are too slow to be interpolated; empty for none."""
+    """Return the topics of poses that are too slow to interpolate; empty for none."""
     slow = []
     for topic in (topic.name for topic in log.topics if topic.content == "pose"):
         times = log.poses(topic).times
@@ -152,7 +152,7 @@ def _slow_topics(log: RobotLog) -> str:
 
 
 def choose_topic(log: RobotLog, content: Content, given: str | None, option: str, *but: str) -> str:
-    """Return the topic that is given, or the only one of the content (`but` others).
+    """Return the given topic, or the only one with the content, except those in `but`.
 
     Raises `InvalidInputError` if it is not there, or there is not exactly one.
     """
@@ -243,9 +243,9 @@ def _pose_of(
     option: str,
     near: str = "",
 ) -> tuple[str, FloatArray, str]:
-    """Return the base frame, the poses (T, 4, 4) in it, and the frame of a topic or frame.
+    """Return base frame, poses (T, 4, 4) in it, and child frame of a topic or frame.
 
-    `near` is the base of a frame in the log's transforms, if it is one of them.
+    `near` is the base of a frame in the log's transforms, if it is one.
     """
     frame = None if given is None else given.lstrip("/")
     named = (frames.tip_frame or "").lstrip("/") if frames is not None else ""

@@ -23,7 +23,7 @@ from lis_grasp.logs.reading import LogReading
 from lis_grasp.robots.described_joints import read_joints
 from lis_grasp.typing import FloatArray
 
-# A joint may be this far outside of its limits [rad or m]: of calibrations that differ.
+# A joint may be this far outside of its limits [rad or m], because calibrations differ.
 _BEYOND = 0.1
 
 
@@ -33,8 +33,8 @@ def with_link_frames(
     """Return a log whose frames include the links of a robot.
 
     Each joint that the log's joint states name gives the transform from its parent link to its
-    child; joints that mimic another follow it. A pose beyond a joint whose position is not known,
-    or contradicts itself, is refused when it is asked for, with the reason.
+    child; joints that mimic another follow it. A pose beyond a joint whose position is unknown,
+    or contradictory, is refused, with the reason, when it is requested.
 
     Parameters
     ----------

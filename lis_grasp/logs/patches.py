@@ -26,10 +26,10 @@ from lis_grasp.logs.reading import PATCHES
 from lis_grasp.records import read_only
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
-_DEEPEST = 0.02  # [m] that a gel is indented
-_STEEPEST = 1.0  # slope of a pressed gel in the median
-_HALF_WIDTH = 5  # of the square window of a fit [pixels]
-_SURE = 2.0  # standard deviations beyond which a curvature is not noise
+_DEEPEST = 0.02  # [m]: largest indentation of a gel
+_STEEPEST = 1.0  # largest median slope of a pressed gel
+_HALF_WIDTH = 5  # [pixels] of a fit's square window
+_SURE = 2.0  # standard deviations of a curvature beyond noise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +47,7 @@ class TactilePatches:
     poses
         Shape (K, 4, 4) or (4, 4): X_OS, of the sensor in the object's frame.
     pitch
-        Distance of neighbouring pixels [m], or two: of columns and of rows.
+        Distance between neighbouring pixels [m], or two: between columns and between rows.
 
     Raises
     ------
@@ -94,7 +94,7 @@ class TactilePatches:
 
     @classmethod
     def load(cls, path: Path | str) -> TactilePatches:
-        """Read an .npz file of the arrays ``heights``, ``poses`` and ``pitch``.
+        """Read an .npz file with the arrays ``heights``, ``poses`` and ``pitch``.
 
         Raises `InvalidFileError` if the file is missing or damaged, lacks an array, or has
         implausible ones.
@@ -135,8 +135,8 @@ def contacts_from_patches(
 
     A quadric is fitted to the heights in a window of 11 x 11 pixels that all touch (Savitzky and
     Golay 1964, in two dimensions). Its value and slopes in the middle give point and normal. The
-    normal's standard deviation is that of the slopes, and in addition its change from the middle
-    of the window to its border: at an edge of the object the normal is uncertain.
+    normal's standard deviation combines that of the slopes and its change from the middle of the
+    window to the border: at an edge of the object the normal is uncertain.
 
     Examples
     --------
@@ -185,7 +185,7 @@ class _Fit:
         # A slope s is an angle atan(s).
         to_angle = normals[:, 2] ** 2
         normal_noise = np.hypot(noise * self.slope_noise * to_angle, np.arctan(turn * to_angle))
-        # By the turn alone: the noise of slopes must not choose.
+        # Order by the turn alone: the noise of slopes must not decide.
         chosen = _apart(self.points, np.argsort(turn, kind="stable"), spacing)
         return Contacts(
             apply_pose(X_OS, self.points[chosen]),
@@ -196,7 +196,7 @@ class _Fit:
 
 
 def _require_gel(fits: list[_Fit]) -> None:
-    """Raise if surfaces are steeper than a gel is pressed in: heights and pitch of two units."""
+    """Raise if surfaces are steeper than a gel is pressed in: heights and pitch differ in units."""
     slopes = np.concatenate([np.linalg.norm(fit.slopes, axis=1) for fit in fits])
     if len(slopes) and (steep := float(np.median(slopes))) > _STEEPEST:
         angle = np.degrees(np.arctan(steep))

@@ -36,7 +36,7 @@ class RobotLog(Protocol):
 
     @property
     def unused(self) -> tuple[str, ...]:
-        """What is in no topic: columns that are not understood."""
+        """Content without a topic: columns that are not understood."""
         ...
 
     def forces(self, topic: str) -> TimedForces:
@@ -49,17 +49,17 @@ class RobotLog(Protocol):
         """Return the transforms between frames of all transform topics."""
 
     def joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
-        """Return the positions of those joints that are logged, from each of their sources."""
+        """Return the positions of the logged joints, from each of their sources."""
 
     def joint_names(self) -> tuple[str, ...]:
-        """Return the names of joints, or what may be one."""
+        """Return the names of joints, or what may be joints."""
 
 
 def open_log(path: Path, *, posed: bool = True, reading: LogReading = LogReading()) -> RobotLog:
     """Open a robot's log: .bag (ROS 1), .mcap, .db3 or a folder (ROS 2), or .csv.
 
-    A table may lack the tip's columns if it need not be `posed`. What the log does not say of
-    itself is in `reading`.
+    A table may lack the tip's columns unless it must be `posed`. `reading` has what the log does
+    not say about itself.
 
     Raises
     ------

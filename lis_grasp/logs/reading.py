@@ -1,4 +1,4 @@
-"""Options of what a robot's log does not say of itself: orientations, times, units, topics."""
+"""Options for what a robot's log does not say: orientations, times, units, topics."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PATCHES = "tactile patches (.npz)"
 
 @record_of_options
 class LogReading:
-    """What a log does not say of itself."""
+    """Facts that a log does not state about itself."""
 
     orientation: Orientation | None = option(
         None,
