@@ -33,7 +33,7 @@ POLICY_MEANINGS: Mapping[str, str] = MappingProxyType(
 
 @record_of_options
 class Decide:
-    """The estimator, the policy, the stops of an exploration, the plan and the attempts.
+    """The estimator, the policy, the stop rules, the plan and the attempts.
 
     Examples
     --------

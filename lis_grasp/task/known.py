@@ -9,7 +9,7 @@ from lis_grasp.task.option_groups import GRASPING, TOUCHING
 
 @record_of_options
 class Known:
-    """The region that contains the object, what is known of its load, and what is around it.
+    """The region that contains the object, what is known of its load, and its surroundings.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Facts in the headers of files: those of a task, the support, and poses."""
+"""Facts in the headers of files: a task's options, the support, and poses."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lis_grasp.io.schemas import Count, FileRecord, Number, Pose, Vector, checke
 from lis_grasp.task.task import PARTS, Task, option_kind, task_options
 from lis_grasp.typing import FloatArray
 
-# Types in files of the types in a configuration.
+# Type in a file for each type of a task's options.
 _IN_FILES: dict[Any, Any] = {
     str: Annotated[str, Field(min_length=1)],
     float: Number,
@@ -48,11 +48,11 @@ RecordedFacts = create_model(  # type: ignore[call-overload]
         if name in task_options()
     },
 )
-"""Facts by name: those of a task, the support, and the poses of object and arm."""
+"""Facts by name: a task's options, the support, and the poses of object and arm."""
 
 
 def read_facts(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
-    """Return the facts in the header of an output file, as `provenance.read`, `located`.
+    """Return the facts in the header of an output file (`provenance.read`), `located`.
 
     Raises `InvalidFileError` if the file cannot be read, or a fact is not of its type.
     """
@@ -68,12 +68,12 @@ def checked_facts(facts: dict[str, Any], path: Path) -> dict[str, Any]:
 def located(facts: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return facts with paths that lead to the recorded files from the present folder.
 
-    Recorded paths start at the folder in which the run began: that is taken for the present one, or
-    else for the nearest one around the results in which there is such a file.
+    Recorded paths start at the folder in which the run began. That is taken to be the present one,
+    or else the nearest one around the results that has such a file.
     """
     around = (folder.absolute(), *folder.absolute().parents)
     for name in ("object", "cloud", "hand", "arm", "obstacles"):
-        path = Path(str(facts.get(name) or ""))  # of a report, it may be of any type
+        path = Path(str(facts.get(name) or ""))  # in a report, it may be of any type
         if path.suffix and not os.path.exists(path):
             found = (str(outer / path) for outer in around if os.path.isfile(outer / path))
             facts = facts | {name: next(found, facts[name])}

@@ -45,7 +45,7 @@ def _sensor(help: str, name: str, metavar: str, words_else: str = "") -> Any:
 
 
 def _find_model(find: Callable[[str], object]) -> Callable[[str], object]:
-    """Return a function that finds names alone: a recorded file may be elsewhere now."""
+    """Return a function that finds names only: a recorded file may have moved."""
 
     def find_name(name: str) -> object:
         return None if Path(name).suffix.lower() in YAML_SUFFIXES else find(name)

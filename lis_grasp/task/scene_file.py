@@ -36,14 +36,14 @@ class InvalidSceneError(InvalidInputError):
 
 
 def is_scene_file(name: object) -> bool:
-    """Return whether a name or path is that of a scene file, by its ending."""
+    """Return whether a name or path has the ending of a scene file."""
     return isinstance(name, (str, Path)) and Path(name).suffix.lower() in YAML_SUFFIXES
 
 
 def load_scene(path: Path | str) -> Task:
     """Return the task of a scene file.
 
-    What the file leaves out has the defaults of `Task`. Paths start at the folder of the file.
+    Missing options have the defaults of `Task`. Paths start at the folder of the file.
 
     Raises `InvalidFileError` if the file cannot be read, `InvalidSceneError` if a key is unknown or
     a value of a wrong type, and the errors of `Task`.
@@ -99,7 +99,7 @@ class _Part(BaseModel):
 
 
 def _field(name: str, option: Option, *, optional: bool) -> tuple[Any, Any]:
-    """Return type and declaration of an option in a file, where a tuple is a list."""
+    """Return type and declaration of an option in a file; a tuple becomes a list."""
     kind, choices = option_kind(name), [*option.choices, *([None] if optional else [])]
     in_file: Any = list[float] if kind is tuple else kind
     extra: Any = {"enum": choices} if option.choices else None

@@ -1,4 +1,4 @@
-"""The task of a run: a world, a robot, what is known beforehand, and how is decided."""
+"""The task of a run: a world, a robot, prior knowledge, and how the robot decides."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ IDEAL_SENSOR: Mapping[str, Any] = MappingProxyType(dict.fromkeys(REAL_SENSOR, 0.
 KNOWN: Mapping[str, Any] = MappingProxyType(
     {"pose": None, "region": None, "free": False, "load": "known", **IDEAL_SENSOR}
 )
-"""Place, size, mass and friction are known, the object is fixed at the pose of its mesh, and the
+"""Place, size, mass and friction are known, the object is fixed at its mesh's pose, and the
 sensor is ideal. Without these, only a region is known, the object is free in a stable pose, and the
 sensor is realistic."""
 
 LIFTING = ("grasps", "attempts", "closings", "simulator")
-"""Options of a run on which its exploration does not depend."""
+"""Options that the exploration of a run does not depend on."""
 
 HEIGHT = within(f"at most {FARTHEST:g} m from 0", lambda value: abs(value) <= FARTHEST)
 """Check of the height of a table [m]."""
@@ -80,11 +80,11 @@ class Task:
     def of(
         cls: type[_Task], object: Any = None, *, known: bool | None = None, **options: Any
     ) -> _Task:
-        """Return the task of options by their names, those of ``lis-grasp run``.
+        """Return the task of options by their names, as in ``lis-grasp run``.
 
         `known` is ``--known``: place, size, mass and friction of the object are known, it is fixed,
-        and the sensor is ideal. None is True with a cloud, which shows the place. Options that are
-        given replace these, and the defaults.
+        and the sensor is ideal. None means True with a cloud, which shows the place. Given options
+        replace these and the defaults.
 
         Raises `InvalidOptionError` if a value is not permitted, `TypeError` for another name.
         """
@@ -98,11 +98,11 @@ class Task:
         given: Mapping[str, Any],
         recorded: Mapping[str, Any] = MappingProxyType({}),
     ) -> _Task:
-        """Return the task of values by name: given ones, else recorded, else those of `KNOWN`.
+        """Return the task of values by name: given, else recorded, else from `KNOWN`.
 
         None and other names count as absent. A recorded estimator, policy or hand that is not among
-        the given names is left out: it is not used, and perhaps not installed. Another object than
-        the recorded one has another size and units.
+        the given names is left out, as it is not used and perhaps not installed. An object other
+        than the recorded one has another size and units.
         """
         left_out = {name for name in ("estimator", "policy", "hand") if name not in given}
         if given.get("object") not in (None, recorded.get("object")):
@@ -115,7 +115,7 @@ class Task:
     def having(self: _Task, *, known: bool | None = None, **options: Any) -> _Task:
         """Return the task with other values of some options, by their names.
 
-        `known` is True for those of `KNOWN` too, False for the defaults of the same options.
+        `known` True also sets the values of `KNOWN`, False the defaults of these options.
 
         Examples
         --------
@@ -169,7 +169,7 @@ def task_options() -> dict[str, Option]:
 
 
 def option_kind(name: str) -> type:
-    """Return the type of an option's values beside None, as of `kind_of`."""
+    """Return the type of an option's values beside None; see `kind_of`."""
     return kind_of(next((p for p in PARTS.values() if name in options_of(p)), Task), name)
 
 
@@ -179,7 +179,7 @@ def option_default(name: str) -> Any:
 
 
 def plain_value(value: Any) -> Any:
-    """Return the value of an option as a file has it: a tuple as a list, an object by its name."""
+    """Return the value of an option for a file: a tuple as a list, an object by its name."""
     if isinstance(value, tuple):
         return list(value)
     return f"{value.__module__}:{value.__qualname__}" if callable(value) else value
@@ -191,7 +191,7 @@ def _known_with(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _readers() -> dict[str, Callable[[Task], Any]]:
-    """Return a function for each option that reads its value of a task."""
+    """Return a function for each option that reads its value from a task."""
     readers: dict[str, Callable[[Task], Any]] = {}
     for part, record in PARTS.items():
         for name in options_of(record):
@@ -200,7 +200,7 @@ def _readers() -> dict[str, Callable[[Task], Any]]:
 
 
 def _made(cls: type[_Task], options: Mapping[str, Any], start: Task | None = None) -> _Task:
-    """Return a task of options by name, other options as in `start`, else the defaults."""
+    """Return a task of options by name, the others from `start` or else the defaults."""
     require_options(options, task_options())
     parts: dict[str, Any] = {}
     for part, record in PARTS.items():

@@ -26,7 +26,7 @@ SIMULATORS = ("drake", "mujoco")
 class World:
     """The true object, where it is, and the simulators that see it.
 
-    None stands for the default in words. A value out of range, and two values that contradict each
+    None stands for the default in words. A value out of range, or two values that contradict each
     other, raise `InvalidOptionError`.
 
     Examples
@@ -101,5 +101,5 @@ class World:
 
     @property
     def is_free(self) -> bool:
-        """Whether touches may push the object: unless said, if Drake's dynamics simulate them."""
+        """Whether touches may push the object; by default if Drake's dynamics simulate them."""
         return self.prober == "dynamic" if self.free is None else self.free
