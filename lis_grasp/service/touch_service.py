@@ -1,4 +1,4 @@
-"""Exploration by requests: the next touch, the estimate and grasps, asked by a robot's program."""
+"""Exploration by requests: the next touch, the estimate and grasps, for a robot's program."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from lis_grasp.stages.next_touch import NextTouch, ObjectPlace, endless, next_to
 from lis_grasp.stages.touch import make_perception
 from lis_grasp.typing import FloatArray
 
-_MOST_ROWS, _MOST_GRASPS = 1000, 100  # of a request
+_MOST_ROWS, _MOST_GRASPS = 1000, 100  # in a request
 _LONGEST_NAME = 100  # letters
 _Rows = Annotated[list[Vector], Field(max_length=_MOST_ROWS)]
 
@@ -50,7 +50,7 @@ class _Request(BaseModel):
 
 
 class NextRequest(_Request):
-    """What the last probe met, if it was carried out; the answer is the next one."""
+    """Outcome of the last probe, if it was carried out; the answer is the next probe."""
 
     request: Literal["next"] = "next"
     status: Literal["touched", "missed", "blocked"] | None = None
@@ -63,13 +63,13 @@ class NextRequest(_Request):
 
 
 class EstimateRequest(_Request):
-    """The surface of all contacts so far, in surface.ply."""
+    """The surface of all contacts, in surface.ply."""
 
     request: Literal["estimate"]
 
 
 class GraspRequest(_Request):
-    """Grasps on the surface of all contacts so far, in grasps.json."""
+    """Grasps on the surface of all contacts, in grasps.json."""
 
     request: Literal["grasp"]
     grasps: Annotated[int, Field(ge=1, le=_MOST_GRASPS)] | None = None
@@ -95,15 +95,15 @@ class TouchService:
     Parameters
     ----------
     agent
-        The robot; it knows no place of the object.
+        The robot; it does not know the object's place.
     place
         What is known of the object's place.
     folder
-        For contacts.ply, surface.ply and grasps.json.
+        Folder of contacts.ply, surface.ply and grasps.json.
     log
-        Of the probes; its facts are those of the files too.
+        Log of the probes; the files have the same facts.
     before, recorded
-        Contacts, and observations by probes, so far.
+        Earlier contacts, and earlier observations by probes.
     """
 
     agent: Agent
@@ -123,8 +123,8 @@ class TouchService:
     def answer(self, content: Mapping[str, Any]) -> dict[str, Any]:
         """Return the answer to a request, as plain values.
 
-        Raises `LisGraspError` if the request is not valid, or cannot be carried out; nothing has
-        changed then.
+        Raises `LisGraspError`, and changes nothing, if the request is not valid or cannot be
+        carried out.
         """
         kind = content.get("request", "next")
         if not isinstance(kind, str) or kind not in _REQUESTS:
