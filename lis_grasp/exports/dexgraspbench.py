@@ -1,4 +1,4 @@
-"""Writing of grasps, objects and hands in the files of DexGraspBench, a benchmark in MuJoCo."""
+"""Grasps, objects and hands written as files of DexGraspBench, a benchmark in MuJoCo."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def save_for_dexgraspbench(
 ) -> Path:
     """Write an object, a hand and grasps for DexGraspBench, and return its `save_dir`.
 
-    Written are ``object/<name>/`` (convex pieces, mass), ``hand/<hand>.xml`` (MJCF),
+    It writes ``object/<name>/`` (convex pieces, mass), ``hand/<hand>.xml`` (MJCF),
     ``hand/lis_<hand>.yaml`` (to be copied to the benchmark's ``config/hand``) and
     ``graspdata/<name>/<k>.npy``: for each grasp ``pregrasp_qpos``, ``grasp_qpos`` and
     ``squeeze_qpos`` (base link's position [m] and unit quaternion w, x, y, z; then the joints in
@@ -57,9 +57,9 @@ def save_for_dexgraspbench(
     hand, grasps
         The hand, and its grasps in O.
     labels
-        Outcomes of lifts, as `lift_facts`, or none. Then ``evaluation/`` has each grasp again with
+        Outcomes of lifts (`lift_facts`), or none. Then ``evaluation/`` has each grasp again with
         ``succ_flag``, ``delta_pos`` [m] and ``delta_angle`` [deg], as the benchmark's own tests
-        write them, and ``succgrasp/`` those that were held.
+        write them, and ``succgrasp/`` has those that were held.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def _save_object(folder: Path, pieces: Sequence[trimesh.Trimesh]) -> None:
     _save_mesh(folder / "mesh" / "simplified.obj", union)
     volumes = np.array([piece.volume for piece in pieces])
     centers = np.array([piece.center_mass for piece in pieces])
-    facts = {  # of density 1: the benchmark scales the density to its mass
+    facts = {  # at density 1: the benchmark scales it to its mass
         "gravity_center": (volumes @ centers / volumes.sum()).tolist(),
         "obb": union.extents.tolist(),
         "scale": 1.0,

@@ -36,8 +36,8 @@ class ObjectModel:
     """
 
     name: str  #: letters, digits, ``_``, ``-`` and ``.``
-    mesh: trimesh.Trimesh  #: what is drawn, and the mass is spread over: watertight [m]
-    parts: tuple[trimesh.Trimesh, ...]  #: what collides: convex meshes [m]
+    mesh: trimesh.Trimesh  #: drawn, and filled by the mass: watertight [m]
+    parts: tuple[trimesh.Trimesh, ...]  #: for collisions: convex meshes [m]
     mass: float  #: [kg]
     friction: float  #: Coulomb's coefficient, static and dynamic
 
@@ -141,7 +141,7 @@ def _sdf(model: ObjectModel) -> ElementTree.Element:
         ode = _child(_child(_child(collision, "surface"), "friction"), "ode")
         for name in ("mu", "mu2"):
             _child(ode, name, _numbers(model.friction))
-        # Drake takes the friction of ode, and warns if it is given twice.
+        # Drake reads the friction under ode, and warns if it is given twice.
         _child(_child(collision, "drake:proximity_properties"), "drake:rigid_hydroelastic")
     return sdf
 
@@ -159,7 +159,7 @@ def _mjcf(model: ObjectModel) -> ElementTree.Element:
         mass=_numbers(model.mass),
         fullinertia=" ".join(moments[k] for k in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")),
     )
-    # Names of meshes are of the whole scene, into which several objects may be included.
+    # Names of meshes belong to the whole scene, which may include several objects.
     drawing = f"{model.name}_visual"
     _child(assets, "mesh", name=drawing, file=VISUAL)
     drawn = {"type": "mesh", "contype": "0", "conaffinity": "0", "group": "2"}
