@@ -1,4 +1,4 @@
-"""Objects, hands and seeds as a user gives them, and as a task names them."""
+"""Objects, hands and seeds as a user gives them, and their names in a task."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def shape_of(object_: AnyObject, world: World) -> Shape:
 
 
 def hand_name(hand: AnyHand) -> str:
-    """Return the name of a hand, if it is one that a name stands for, else the usual one."""
+    """Return the name of a hand if it has one that finds it, else the default's."""
     if not isinstance(hand, Hand):
         return str(hand)
     return hand.name if hand.name in HAND_REGISTRY.names else USUAL_HAND
@@ -59,7 +59,7 @@ def loaded_hand(hand: AnyHand) -> Hand | None:
 
 
 def seed_of(rng: Seed, options: dict[str, Any]) -> int:
-    """Return the seed of random draws, which is an option too."""
+    """Return the seed of random draws, which may also be an option."""
     if not isinstance(rng, (int, np.integer, np.random.Generator)):
         raise TypeError(f"rng must be a seed or a numpy.random.Generator; it is {shown(rng)}")
     if "seed" not in options:

@@ -1,6 +1,6 @@
 """The stages from an object and a hand: `lis_grasp.run`, `explore`, `plan` and `lift`.
 
-They make a task of options by name, and call the stages. Options are those of `Task.of`.
+They make a task from options by name (see `Task.of`), and call the stages.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def run(
     object
         The true object, by name or path, since a run records it; or a scene file, or a `Task`.
     hand
-        The hand, by name or path; None for that of the task.
+        The hand, by name or path; None for the task's.
     folder
         Folder of results; None for one in ``results/`` that is named after the task.
     fresh
@@ -68,7 +68,7 @@ def run(
     progress
         Gets a message for every stage and step: `pipeline.Bars()` shows bars.
     options
-        Those of `Task.of`, which replace those of a scene file or a task. The usual ones are
+        See `Task.of`; they replace options of a scene file or a task. The usual ones are
         ``touches``, ``seed``, ``estimator``, ``prober``, ``friction``, ``mass`` [kg], ``size`` [m],
         ``units``, ``up``, ``pose``, ``region``, ``arm`` and ``simulator``.
 
@@ -106,7 +106,7 @@ def explore(
 
     Without options it is ``lis-grasp explore``: the object is free at a random place of a region,
     and contacts are in the frame of the table. With ``known=True`` it is touched where it is in its
-    frame O. `exploration.explore` takes a prober of one's own.
+    frame O. `exploration.explore` takes your own prober.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def explore(
     rng
         Seed, or a generator that draws it.
     options
-        Those of `Task.of`. The usual ones are ``known``, ``touches``, ``prober`` ("kinematic" needs
+        See `Task.of`. The usual ones are ``known``, ``touches``, ``prober`` ("kinematic" needs
         no simulator), ``estimator``, ``policy``, ``position_noise`` [m], ``normal_noise`` [rad],
         ``pose``, ``region``, ``free``, ``cloud``, ``size`` [m], ``units``, ``up`` and ``arm``.
 
@@ -149,7 +149,7 @@ def plan(
 ) -> GraspSearch:
     """Plan grasps of a hand on a mesh.
 
-    The result is that of ``lis-grasp grasp``.
+    The result equals that of ``lis-grasp grasp``.
 
     Parameters
     ----------
@@ -158,12 +158,12 @@ def plan(
     hand
         The hand.
     support_height
-        Height of the plane that the object is on in O [m]; None for its lowest point, which an
-        estimate only guesses: ``contacts.bounds[0, 2]`` is what ``lis-grasp grasp`` takes.
+        Height in O of the plane under the object [m]; None for its lowest point, which an estimate
+        only guesses: ``lis-grasp grasp`` takes ``contacts.bounds[0, 2]``.
     rng
         Seed, or a generator that draws it.
     options
-        Those of `Task.of`: ``grasps`` (their number), ``friction``, ``mass`` [kg] or else
+        See `Task.of`: ``grasps`` (their number), ``friction``, ``mass`` [kg] or else
         ``load="unknown"``, ``size`` [m], ``units``, ``up``, ``arm``, ``base`` [m], and
         ``obstacles``, the path of a mesh [m] in O that hand and arm must not hit.
 
@@ -186,7 +186,7 @@ def plan(
     require_one_load(options)
     named, options["seed"] = object_name(mesh), seed_of(rng, options)
     task = Task.of(named, known=True, hand=hand_name(hand), **options)
-    # Of an estimate, the uncertainty must be kept.
+    # An estimate must keep its uncertainty.
     solid = mesh if isinstance(mesh, trimesh.Trimesh) else shape_of(mesh, task.world).mesh
     lowest = float(require_mesh("the mesh", solid).bounds[0, 2])
     height = lowest if support_height is None else support_height
@@ -210,7 +210,7 @@ def lift(
     grasp
         The grasp, such as ``plan(mesh, hand).best``.
     options
-        Those of `Task.of`: ``friction``, ``mass`` [kg], ``load`` (what the hand knows of both),
+        See `Task.of`: ``friction``, ``mass`` [kg], ``load`` (what the hand knows of both),
         ``simulator`` ("drake" or "mujoco"), ``size`` [m], ``units``, ``up``, ``arm`` and
         ``base`` [m].
 

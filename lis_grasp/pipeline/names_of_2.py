@@ -1,4 +1,4 @@
-"""Names of version 2.0 that differ from today's in their signatures; they resolve until 4.0."""
+"""Names of version 2.0 with other signatures than today's; they resolve until 4.0."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ UNKNOWN = {name: value for name, value in Task().facts().items() if name in KNOW
 """The conditions without ``--known``, by option; today the defaults of `Task`."""
 
 CONDITIONS = {"known": KNOWN, "unknown": UNKNOWN}
-"""Both by name."""
+"""The conditions with and without ``--known``, by name."""
 
 
 class RunConfig(Task):
@@ -47,7 +47,7 @@ class RunConfig(Task):
 
 
 def perception(*, table: float | None = None, **settings: Any) -> Perception:
-    """Return the settings of an estimate, with the table's height by its name of 2.0.
+    """Return the settings of an estimate, with the table's height by its name in 2.0.
 
     Examples
     --------
