@@ -202,7 +202,7 @@ class GuardedMotion:
         return Slide(so_far, length, reached, normal, before.duration)
 
     def _moved(self, leg: Leg, end: float) -> tuple[Leg, NearestLink | None]:
-        """Move the placed hand along a leg up to `end` [m]; return its part, and the link that touched."""
+        """Move the placed hand along a leg up to `end` [m]; return its part, and any touch."""
         touched, length = self._advance(leg.direction, end)
         return replace(leg, length=length, remaining=end - length), touched
 
