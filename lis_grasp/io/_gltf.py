@@ -1,4 +1,4 @@
-"""glTF files: what trimesh would leave out or fill with zeros is refused before it reads them."""
+"""glTF files, refused before trimesh would leave out parts of them or fill them with zeros."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from urllib.parse import unquote
 
 from lis_grasp.io.limits import MOST_UNPACKED, ReadError, reason_of, require_file_size
 
-_HARMLESS = re.compile("materials|texture|lights|xmp|variants")  # extensions beside the shape
+_HARMLESS = re.compile("materials|texture|lights|xmp|variants")  # no shape
 _FAN = 6  # mode of primitives
 
 
@@ -31,7 +31,7 @@ def require_readable_gltf(path: Path) -> None:
     if needed:
         message = f"it needs {', '.join(needed)}, which are not read"
         raise ReadError(message, "export plain triangles, without compression")
-    # trimesh fills accessors without a view with zeros, as many as they announce.
+    # trimesh fills an accessor without a view with as many zeros as it announces.
     if sum(each["count"] for each in accessors if "bufferView" not in each) > path.stat().st_size:
         raise ReadError("it announces more than it has")
     for buffer in header.get("buffers", []):

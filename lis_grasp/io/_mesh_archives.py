@@ -36,7 +36,7 @@ _Meshes = list[tuple[FloatArray, IntArray]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Archived:
-    """What a 3MF file has: its model, and what beside it is no part of the model."""
+    """Content of a 3MF file: its model, and in words what is not part of the model."""
 
     vertices: FloatArray  # (V, 3), in its unit
     faces: IntArray  # (F, 3)
@@ -45,10 +45,10 @@ class Archived:
 
 
 def read_3mf(path: Path) -> Archived:
-    """Return all items of a 3MF file that are printed, placed, without a slicer's helpers.
+    """Return all printed items of a 3MF file at their places, without a slicer's helpers.
 
-    Raises `ValueError` if it needs an extension beyond materials and production, has no items, a
-    component is inside of itself, or a part is to be subtracted.
+    Raises `ValueError` if it needs an extension beyond materials and production, has no items, or
+    has a component inside of itself or a part to subtract.
     """
     with path.open("rb") as file, zipfile.ZipFile(file) as archive:
         require_small_archive(archive.infolist())
@@ -133,7 +133,7 @@ def _require_read(root: Element, start: bytes) -> None:
 
 
 def _transform(text: str | None) -> FloatArray:
-    """Return the transform (4, 4) of 12 numbers, which are of row vectors, row by row."""
+    """Return the transform (4, 4) of 12 numbers, given row by row for row vectors."""
     if text is None:
         return np.eye(4)
     rows = np.array(text.split(), dtype=np.float64).reshape(4, 3)
@@ -156,7 +156,7 @@ def _meshes(element: Element) -> _Meshes:
 
 
 def plain_dae(content: bytes) -> tuple[bytes, float | None, str | None]:
-    """Return a COLLADA text whose polygons are triangles, its unit [m], and its axis upwards.
+    """Return a COLLADA text whose polygons are triangles, its unit [m], and its upward axis.
 
     Raises ValueError if it has polygons with holes, or whose outline crosses itself.
     """

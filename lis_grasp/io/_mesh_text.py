@@ -1,4 +1,4 @@
-"""Meshes in OBJ, OFF, STL and PLY files: what trimesh does not read, or reads as another shape."""
+"""Meshes in OBJ, OFF, STL and PLY files: what trimesh does not read, or reads wrongly."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from lis_grasp.typing import FloatArray, IntArray
 # Areas below this fraction of a polygon's are rounding.
 _ROUNDING = 1e-6
 
-# Of OBJ: a line of a face but of three corners, all v, v/vt, v//vn or v/vt/vn, from the start of
-# the file; a line that goes on in the next; another separator than blanks.
+# OBJ: a face line other than three corners, all v, v/vt, v//vn or v/vt/vn, with indices from the
+# start of the file; a line that continues in the next; a separator other than blanks.
 _OBJ_PLAIN = rb"f(?:(?: +N){3}|(?: +N/(?:N)?){3}|(?: +N//(?:N)?){3}|(?: +N/N/(?:N)?){3})".replace(
     b"N", rb"[1-9]\d*"
 )
@@ -40,7 +40,7 @@ _STL_EXPONENT = re.compile(rb"(\d)d([-+]?\d)", re.IGNORECASE)  # Fortran writes 
 _STL_FACET = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)
 _STL_FACET_END = re.compile(rb"\bend\s*facet\b", re.IGNORECASE)
 _STL_ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_STL_NAMED = 1000  # bytes in which the first facet of a text comes
+_STL_NAMED = 1000  # bytes within which a text has its first facet
 _STL_START = 84  # bytes before the first triangle, the last four of them the count
 
 
@@ -95,7 +95,7 @@ def _cut(corners: FloatArray, normal: FloatArray) -> IntArray:
 
 
 def as_triangles(vertices: FloatArray, polygons: Sequence[Sequence[int]]) -> IntArray:
-    """Return all polygons as triangles (F, 3) of vertices; errors as of `triangulate`."""
+    """Return all polygons as triangles (F, 3) of vertices; for errors see `triangulate`."""
     cut = triangulate(vertices, polygons)
     faces = [np.asarray(p)[t] for p, t in zip(polygons, cut, strict=True) if len(t)]
     return np.concatenate(faces).astype(np.int64) if faces else np.empty((0, 3), np.int64)
@@ -107,7 +107,7 @@ Triangles = tuple[FloatArray, IntArray]
 def plain_obj(content: bytes) -> tuple[bytes, int]:
     """Return an OBJ as trimesh reads it without fault, and its number of faces.
 
-    These are triangles, each with corners of one form and indices from the start of the file. A
+    These are triangles, whose corners have one form and indices from the start of the file. A
     relative index counts from the vertex before its line, wherever the groups are. Raises
     ValueError if it is binary, a vertex is not of numbers, an index is out of range, or a face
     crosses itself.
@@ -170,7 +170,7 @@ def _absolute(corner: str, counts: dict[str, int]) -> list[str]:
 
 
 def off_rows(path: Path) -> tuple[list[list[str]], list[list[str]]]:
-    """Return the rows of words of an OFF file: of vertices, and of faces."""
+    """Return the rows of an OFF file as words: those with vertices, and those with faces."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     lines = [line.split("#")[0].split() for line in text.splitlines()]
     lines = [words for words in lines if words]
@@ -203,7 +203,7 @@ def read_off(path: Path) -> tuple[FloatArray, list[list[int]]]:
 def read_stl(path: Path) -> Triangles:
     """Return the triangles of an STL file, text or binary, each with vertices of its own.
 
-    A text that ends before its ``endsolid``, as a download that stopped does, is noted.
+    A text that ends before its ``endsolid``, such as an incomplete download, is noted.
     """
     content = path.read_bytes()
     (count,) = struct.unpack_from("<I", content, _STL_START - 4) if len(content) >= 84 else (0,)
@@ -217,14 +217,14 @@ def read_stl(path: Path) -> Triangles:
         raise ReadError(f"it has {len(content)} bytes, fewer than the start of a binary STL")
     elif count > held or (count == 0 and held > 0):
         raise ReadError(f"it announces {count} triangles, and has bytes for {max(held, 0)}")
-    else:  # bytes after the last triangle are of other programs
+    else:  # other programs write bytes after the last triangle
         rows = np.frombuffer(content, _STL_ROW, count, _STL_START)
         corners = rows["corners"].reshape(-1, 3).astype(np.float64)
     return corners, np.arange(len(corners)).reshape(-1, 3)
 
 
 def _corners_in_text(content: bytes) -> tuple[FloatArray, bool]:
-    """Return the corners (3 F, 3) of a text, and whether it has the end of its last solid."""
+    """Return the corners (3 F, 3) of a text, and whether its last solid is complete."""
     names = [name[0].split()[0].lower() for name in _STL_NAME.finditer(content)]
     begins = _STL_NAME.search(content) is not None
     content = _STL_NAME.sub(b"", content)  # the name may have any words

@@ -18,7 +18,7 @@ from plyfile import PlyData, PlyElement
 
 from lis_grasp.io.limits import MOST_BYTES, ReadError, announced_rows, reading
 
-# Lists that are read at once where all have this length; else row by row, which is slow.
+# Lists are read at once if all have this length; else row by row, which is slow.
 _TRIANGLES = {"face": {"vertex_indices": 3, "vertex_index": 3}}
 _TEXT, _COUNT = b"ply\nformat ascii", re.compile(rb"^(element .*) (\d+)$", re.MULTILINE)
 

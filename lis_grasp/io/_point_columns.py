@@ -29,7 +29,7 @@ _AXIS = re.compile(
     r"|(?:p|pos|position|pose\.position|points?|coords?|contact)?)"
     r"[ _.:/]*(?P<axis>[xyz]|(?<=[_:])[012])"
 )
-# Columns that are no measurements of a contact: indices, colours, texture.
+# Columns that do not describe a contact: indices, colours, texture.
 _OTHER = re.compile(r"|index|unnamed.*|(diffuse_|ambient_|specular_)?(red|green|blue|alpha)|rgba?")
 
 
@@ -38,7 +38,7 @@ class Column(NamedTuple):
 
     name: str
     unit: str = ""
-    factor: float = 1.0  #: to seconds, newtons or radians; 1 for lengths, which are of one unit
+    factor: float = 1.0  #: to seconds, newtons or radians; 1 for lengths, which share a unit
 
 
 def known_columns(path: Path, names: Iterable[str]) -> dict[str, Column]:
@@ -101,9 +101,9 @@ def contact_fields(
 ) -> dict[str, Any]:
     """Return the fields of `Contacts`, and `approach`, of columns by known names.
 
-    Rows without a point, or of a file with normals without a normal (0 or not finite), are left
-    out, forces and times that some rows lack too; each is noted. Raises `InvalidFileError` if a
-    component is missing, or no row has a point.
+    Rows without a point, or without a normal (0 or not finite) in a file with normals, are left
+    out, and so are forces and times that some rows lack; each is noted. Raises `InvalidFileError`
+    if a component is missing, or no row has a point.
     """
     fields: dict[str, Any] = {"points": table(path, columns, POINT)}
     for field, names in DIRECTIONS.items():

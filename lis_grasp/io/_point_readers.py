@@ -25,7 +25,7 @@ from lis_grasp.io.limits import (
 Columns = dict[str, npt.NDArray[Any]]
 
 _SIDES = {"points": POINT, "normals": NORMAL, "approach": ("ax", "ay", "az")}
-# Names of arrays of an NPZ that mean the same.
+# Synonyms among the names of an NPZ's arrays.
 _NAMES = {
     **dict.fromkeys(("xyz", "point", "positions", "pcd", "pc", "point_cloud", "arr_0"), "points"),
     **dict.fromkeys(("normal", "n"), "normals"),
@@ -127,7 +127,7 @@ def _named(path: Path, name: str, array: npt.NDArray[Any]) -> Columns:
 
 
 def read_pcd(path: Path) -> Columns:
-    """Return the fields of a PCD file of PCL: text, binary, or binary compressed by LZF.
+    """Return the fields of a PCD file of PCL: text, binary, or binary with LZF compression.
 
     Raises ValueError or LookupError if it is damaged, or has less than it announces.
     """
@@ -183,7 +183,7 @@ def _require_points(announced: int, held: int) -> None:
 
 
 def _unpack_lzf(packed: bytes, size: int) -> bytes:
-    """Return what LZF (Marc Lehmann's liblzf) packed: literal runs and references backwards."""
+    """Unpack LZF (Marc Lehmann's liblzf): literal runs and references backwards."""
     if size > MOST_UNPACKED:
         raise ReadError(f"it unpacks to more than {MOST_UNPACKED // MEBIBYTE} MiB")
     out, at = bytearray(), 0
@@ -202,7 +202,7 @@ def _unpack_lzf(packed: bytes, size: int) -> bytes:
         at, start = at + 1, len(out) - back
         if start < 0:
             raise ReadError("its compressed data are damaged")
-        for k in range(start, start + length + 2):  # it may reach into what it writes
+        for k in range(start, start + length + 2):  # it may overlap its own output
             out.append(out[k])
     if len(out) != size:
         raise ReadError(f"its data unpack to {len(out)} bytes, and {size} are announced")

@@ -1,4 +1,4 @@
-"""Parts of a 3MF project that are not matter: what slicers mark as helpers."""
+"""Parts of a 3MF project that slicers mark as helpers, not as matter."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from lis_grasp.typing import BoolArray
 
 _CUT = "a negative part"  # which a slicer subtracts
 
-# How Bambu Studio and OrcaSlicer name the kinds of parts, PrusaSlicer those of volumes, and Cura
-# those of meshes. Other names are of matter.
+# Bambu Studio and OrcaSlicer name the kinds of parts like this, PrusaSlicer the kinds of volumes,
+# and Cura the kinds of meshes. Other names denote matter.
 _KINDS: Mapping[str, str] = {
     "negative_part": _CUT,
     "modifier_part": "a modifier",
@@ -48,7 +48,7 @@ class SlicerParts:
         self._volumes = {each.get("id", ""): list(_volumes(each)) for each in objects}
 
     def kind(self, owner: str, number: str, element: Element) -> str:
-        """Return the kind of an object, a component of `owner` perhaps; empty for matter."""
+        """Return the kind of an object, perhaps a component of `owner`; empty for matter."""
         kind = element.get("type", "model")
         if found := self._parts.get((owner, number)) or _of_cura(element):
             return found
@@ -65,7 +65,7 @@ class SlicerParts:
 
 
 def left_out(kinds: list[str]) -> tuple[str, ...]:
-    """Return what is left out of an object for its kinds; `ReadError` if it is subtracted."""
+    """Return the kinds that are left out of an object; `ReadError` if one is subtracted."""
     if _CUT in kinds:
         raise ReadError(
             f"it has {_CUT}, which is not subtracted",

@@ -17,14 +17,14 @@ from lis_grasp.exceptions import InvalidFileError
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path to write to; it replaces `path` after the block has succeeded.
 
-    Raises `InvalidFileError` if it is a folder or a device or cannot be written, as on a full disk.
+    Raises `InvalidFileError` for a folder or a device, or if writing fails, as on a full disk.
     """
     temporary = path.with_name(f".partial-{secrets.token_hex(8)}{path.suffix}")
     try:
         if path.exists() and not path.is_file():
             raise FileExistsError("it is a folder or a device")
         path.parent.mkdir(parents=True, exist_ok=True)
-        # Unlike tempfile's, with the mode that the user's umask gives to new files.
+        # Unlike tempfile's files, it has the mode that the user's umask gives to new files.
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
         yield temporary
         with temporary.open("rb") as file:
@@ -36,7 +36,7 @@ def whole_file(path: Path) -> Iterator[Path]:
             message += ": name another file or folder"
         raise InvalidFileError(message, path=path) from None
     finally:
-        with suppress(OSError):  # there is none
+        with suppress(OSError):  # it does not exist
             temporary.unlink()
 
 
@@ -61,10 +61,10 @@ _NAME, _OTHER = ".lock", "name another by `folder`"
 
 @contextmanager
 def sole_writer(folder: Path) -> Iterator[None]:
-    """Keep other processes from writing to a folder, which is made if it does not exist.
+    """Keep other processes from writing to a folder; make it if it does not exist.
 
     The operating system releases the lock when the process ends, however it ends. A block that adds
-    no file, as of a refused command, leaves neither the lock's file nor the folder.
+    no file, such as that of a refused command, leaves neither the lock's file nor the folder.
 
     Raises `InvalidFileError` if another process has the lock, or the folder cannot be written to.
     """
@@ -88,7 +88,7 @@ def sole_writer(folder: Path) -> Iterator[None]:
     finally:
         with suppress(OSError):  # others hold the file open, or write to the folder now
             if set(folder.iterdir()) - before == {folder / _NAME}:
-                (folder / _NAME).unlink()  # before its release: nobody else's
+                (folder / _NAME).unlink()  # before its release, while it is ours
                 for path in made:
                     path.rmdir()
         lock.release()

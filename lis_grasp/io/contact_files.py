@@ -7,7 +7,7 @@ round it. CSV as written: a header row ``x,y,z,nx,ny,nz``, then force, time, pos
 normal_noise (empty where unknown) and finger where known, and ``kind`` (contact or free) and
 ``radius`` if there are free points. Both formats restore every number exactly, and equal contacts
 make equal bytes. As read: any order and precision of properties, text or binary; other properties
-are noted. Names are those of other programs too (`_point_columns`). Points without normals may have
+are noted. Other programs' names are known, too (`_point_columns`). Points without normals may have
 the direction of approach, ax ay az, instead. PCD, NPY, NPZ, OFF and texts of numbers are read too.
 """
 
@@ -45,8 +45,8 @@ from lis_grasp.io.units import require_resolved
 from lis_grasp.typing import FloatArray
 
 _FINGERS = "fingers "
-_TEXTS = (".xyz", ".xyzn", ".pts", ".txt")  # of numbers without names
-_MESHES = (".obj", ".stl", ".gltf", ".glb", ".3mf", ".dae")  # that are no points
+_TEXTS = (".xyz", ".xyzn", ".pts", ".txt")  # numbers without names
+_MESHES = (".obj", ".stl", ".gltf", ".glb", ".3mf", ".dae")  # not points
 _SCANS = (".las", ".laz", ".e57")
 POINT_FORMATS = (".ply", ".csv", ".pcd", ".npy", ".npz", ".off", *_TEXTS)
 """Endings of the files of points that can be read."""
@@ -55,7 +55,7 @@ _LINE_END = re.compile(r"[\r\n]")
 
 
 def read_contact_file(path: Path) -> dict[str, Any]:
-    """Return the fields of `Contacts` in a file of points; errors as of `Contacts.load`."""
+    """Return the fields of `Contacts` in a file of points; for errors see `Contacts.load`."""
     fields = read_point_file(path)
     del fields["approach"]
     if fields["normals"] is None:
@@ -71,8 +71,8 @@ def read_point_file(path: Path) -> dict[str, Any]:
     """Return the fields of `Contacts` in a file that may lack normals, and `approach`.
 
     `normals` and `approach`, the direction of motion at contact, are of shape (N, 3), or None where
-    the file lacks them. `units` is the unit that names of columns state, or None. What is left out
-    is noted.
+    the file lacks them. `units` is the unit that names of columns state, or None. Omissions are
+    noted.
 
     Raises `InvalidFileError` if the file is missing, of another format, damaged, or lacks points.
     """
@@ -110,7 +110,7 @@ def _read_fields(path: Path) -> dict[str, Any]:
 
 
 def write_contact_file(contacts: Mapping[str, Any], path: Path, *, header: str = "") -> None:
-    """Write the fields of `Contacts`; arguments and errors as of `Contacts.save`."""
+    """Write the fields of `Contacts`; for arguments and errors see `Contacts.save`."""
     content = _to_ply(contacts, header) if _is_ply(path) else _to_csv(contacts)
     write_bytes(path, content)
 
@@ -184,7 +184,7 @@ def _numbers(
 
 
 def _of_columns(path: Path, columns: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
-    """Return the fields of columns by their names in a file."""
+    """Return the fields that columns mean by their names in a file."""
     numbers, unit = _numbers(path, columns)
     index = numbers.pop("finger", None)
     fingers = () if index is None else _finger_names(path, [], index)

@@ -1,4 +1,4 @@
-"""What a file is by its content, where its name promises something else."""
+"""Kinds of files by their content, where the name promises another kind."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 from lis_grasp.exceptions import InvalidFileError
 
-_START = 4096  # bytes that tell
+_START = 4096  # bytes that show the kind
 _NO_MESH = ", not a mesh"
 _KINDS = tuple(
     (re.compile(pattern, re.IGNORECASE), kind)
@@ -46,7 +46,7 @@ _KINDS = tuple(
         (rb"[GM]\d+(\s|$)", "G-code of a slicer: take the mesh that it was made from"),
     )
 )
-# What precedes the first line that tells: a byte order mark, comments, the start of XML.
+# Text before the first line that shows the kind: a byte order mark, comments, the start of XML.
 _BEFORE = re.compile(rb"\s+|\xef\xbb\xbf|<!--.*?-->|<\?.*?\?>|[;#(%][^\n]*\n", re.DOTALL)
 _ARCHIVES = (".3mf", ".npz")
 _WITH_POINTS = (".obj", ".stl", ".ply", ".off", ".pcd")  # texts in which no comma separates
@@ -55,7 +55,7 @@ _DECIMAL_COMMA = re.compile(rb"^\s*[a-z ]*[-+]?\d+,\d+\s", re.MULTILINE | re.IGN
 
 @contextmanager
 def named_by_content(path: Path) -> Iterator[None]:
-    """Say what a file is where its content is of another kind than its name says.
+    """Say what a file is if its content is of another kind than its name says.
 
     An `InvalidFileError` in this context becomes one that names the kind, if it is known.
     """
@@ -67,9 +67,9 @@ def named_by_content(path: Path) -> Iterator[None]:
 
 
 def require_kind(path: Path, needed: str = "") -> None:
-    """Raise `InvalidFileError` for a file that is of another known kind than its name says.
+    """Raise `InvalidFileError` for a file of another known kind than its name says.
 
-    `needed` names what is needed in place of the ending: the description of a robot.
+    `needed` names the required kind if the ending does not, such as a robot's description.
     """
     ending = path.suffix.lower()
     kind = _kind_of(path, ending) if path.is_file() else ""
@@ -80,7 +80,7 @@ def require_kind(path: Path, needed: str = "") -> None:
 
 
 def _kind_of(path: Path, ending: str) -> str:
-    """Return what a file is, with what to do; empty if that is unknown, or as its ending says."""
+    """Return what a file is and what to do; empty if that is unknown, or as its ending says."""
     with path.open("rb") as file:
         start = file.read(_START)
     begin = 0

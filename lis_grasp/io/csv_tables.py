@@ -43,7 +43,7 @@ def without_unit(name: str) -> tuple[str, str]:
 
 
 def factor_of(path: Path, title: str, unit: str, units: Mapping[str, float]) -> float:
-    """Return what a column's unit is in SI units, 1 if it states none.
+    """Return a column's unit in SI units, 1 if it states none.
 
     Raises `InvalidFileError` if it is none of `units`.
     """
@@ -101,7 +101,7 @@ def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
 def text_of(path: Path, *, ascii_only: bool = False) -> str:
     """Return the text of a file; `InvalidFileError` if it is not UTF-8, but for comments.
 
-    With `ascii_only` other characters may be of any encoding, for they are not used.
+    With `ascii_only` other characters, which are not used, may have any encoding.
     """
     content = path.read_bytes()
     text = content.decode("utf-8-sig", "replace")
@@ -118,7 +118,7 @@ def text_of(path: Path, *, ascii_only: bool = False) -> str:
 
 def uncommented(text: str) -> tuple[list[str], list[str]]:
     """Return the comments before the first other line, and the lines that are no comments."""
-    # Not splitlines, which also ends lines at characters that a finger's name may have.
+    # Do not use splitlines: it also ends lines at characters that a finger's name may have.
     lines = [line for line in _LINE_END.split(text) if line.strip()]
     are_comments = [bool(_COMMENT.match(line)) for line in lines]
     first = are_comments.index(False) if False in are_comments else len(lines)
@@ -140,7 +140,7 @@ def cell_number(path: Path, cell: str, row: int, name: str) -> float:
 
 
 def _cells(lines: list[str], header: str) -> list[list[str]]:
-    """Return the cells of lines, separated as those of the header or else of the first line."""
+    """Return the cells of lines, separated as in the header or else in the first line."""
     if not lines:
         return []
     marks = [m for m in (",", ";", "\t") if m in header and m in lines[0]]

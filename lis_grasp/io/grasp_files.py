@@ -39,7 +39,7 @@ class _Grasp(FileRecord):
     contacts: list[_Contact]
     quality: dict[str, Number]
     accepted: str
-    family: str = "pinch"  # the only one of 1.4
+    family: str = "pinch"  # the only one in 1.4
 
 
 class _Search(FileRecord):
@@ -49,7 +49,7 @@ class _Search(FileRecord):
 
 
 def write_grasp_file(search: Mapping[str, Any], path: Path, *, header: str = "") -> None:
-    """Write the fields of a `GraspSearch`; arguments and errors as of `GraspSearch.save`."""
+    """Write the fields of a `GraspSearch`; for arguments and errors see `GraspSearch.save`."""
     content = {
         "format": "lis_grasp grasps 1",
         "header": header,
@@ -65,7 +65,7 @@ def write_grasp_file(search: Mapping[str, Any], path: Path, *, header: str = "")
 def read_grasp_file(path: Path, grasp: Callable[..., Any]) -> dict[str, Any]:
     """Return the fields of a `GraspSearch` in a file; `grasp` makes each grasp from its fields.
 
-    Errors are as of `GraspSearch.load`.
+    For errors see `GraspSearch.load`.
     """
     content = read_json(_Search, path, "grasps", "name a grasps.json of `lis-grasp grasp`")
     try:

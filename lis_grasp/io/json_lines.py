@@ -24,7 +24,7 @@ MADE_AGAIN = "remove that line, or the file, and what it had is made again"
 def read_lines(path: Path, *, advice: str = "restore it from a copy") -> tuple[Row, list[Row]]:
     """Return a file's header and its rows; both empty if there is no file yet.
 
-    `advice` ends the message of a damaged file, which may be a real robot's. A last line without a
+    `advice` ends the message for a damaged file, which may be a real robot's. A last line without a
     line end, left by an interruption, is ignored; `append_lines` removes it.
     Raises `InvalidFileError` if the file cannot be read, or a line is not a JSON object.
     """

@@ -23,23 +23,23 @@ MEBIBYTE = 2**20
 """Bytes."""
 
 MOST_UNPACKED = 256 * MEBIBYTE
-"""Size of a text, and of what an archive unpacks to."""
+"""Largest size of a text, and of an unpacked archive."""
 
 MOST_BYTES = 512 * MEBIBYTE
-"""Size of a mesh file and of a PLY."""
+"""Largest size of a mesh file and of a PLY."""
 
 MOST_NODES = 50_000
-"""Values and keys of a YAML file, those of an alias counted wherever it is used."""
+"""Most values and keys of a YAML file; those of an alias count at each use."""
 
 MOST_CHARACTERS = 10_000
-"""Length of a value of a YAML file: PyYAML reads 1:59:59:... in the square of it."""
+"""Largest length of a value in YAML: PyYAML's time to read 1:59:59:... grows with its square."""
 
 _REASONS: Mapping[type[Exception], str] = {
     UnicodeDecodeError: "it is not UTF-8 text",
     RecursionError: "its values are nested too deeply",
     zipfile.BadZipFile: "it is no ZIP archive, or cut off",
 }
-_QUOTED = 60  # letters of a line in a message
+_QUOTED = 60  # most letters of a line in a message
 _PLY_ELEMENT = re.compile(rb"^element[ \t]+(\S+)[ \t]+(\d{1,18})", re.MULTILINE)
 
 
@@ -61,7 +61,7 @@ def require_file_size(path: Path, most: int) -> None:
 
 
 class ReadError(ValueError):
-    """Why a file cannot be read, in words for its user, and what cures that, if anything does."""
+    """Why a file cannot be read, in words for its user, and the cure, if there is one."""
 
     def __init__(self, reason: str, cure: str = "") -> None:
         super().__init__(reason)
@@ -69,12 +69,12 @@ class ReadError(ValueError):
 
 
 def reason_of(error: Exception, kind: str) -> str:
-    """Return why a reader failed in words for its user: a library's own are never repeated."""
+    """Return why a reader failed in words for its user: never in a library's own."""
     if isinstance(error, ReadError):
         return str(error)
     if type(error) in _REASONS:
         return _REASONS[type(error)]
-    mark = getattr(error, "problem_mark", None)  # of YAML; lineno is of JSON
+    mark = getattr(error, "problem_mark", None)  # YAML has it; JSON has lineno
     line = getattr(error, "lineno", None) if mark is None else mark.line + 1
     if isinstance(error, ElementTree.ParseError):
         line = error.position[0]
@@ -119,7 +119,7 @@ def reading(
 def announced_rows(path: Path) -> dict[str, int]:
     """Return the numbers of rows that a PLY file announces, by element.
 
-    Raises ValueError if they are more than it has bytes.
+    Raises ValueError if it announces more rows than it has bytes.
     """
     with path.open("rb") as file:
         head = file.read(HEADER_BYTES).partition(b"end_header")[0]
@@ -143,7 +143,7 @@ def read_arrays(path: Path, names: Sequence[str]) -> list[npt.NDArray[Any]]:
     Raises `InvalidFileError` if the file is missing or damaged, lacks a name, or unpacks to more
     than 256 MiB.
     """
-    # An archive leaves its file open while a member is: the file is closed here in any case.
+    # An archive keeps its file open while a member is open: close the file here in any case.
     with reading(path, "NPZ"), path.open("rb") as file, zipfile.ZipFile(file) as archive:
         present = [member.removesuffix(".npy") for member in archive.namelist()]
         if missing := [name for name in names if name not in present]:
@@ -158,7 +158,7 @@ def read_arrays(path: Path, names: Sequence[str]) -> list[npt.NDArray[Any]]:
 
 
 def array_names(path: Path) -> list[str]:
-    """Return the names of the arrays in an .npz file; errors as of `read_arrays`."""
+    """Return the names of the arrays in an .npz file; for errors see `read_arrays`."""
     with reading(path, "NPZ"), path.open("rb") as file, zipfile.ZipFile(file) as archive:
         return [n.removesuffix(".npy") for n in archive.namelist() if n.endswith(".npy")]
 
@@ -195,7 +195,7 @@ def parse_yaml(text: str) -> Any:
         if node is None:
             return None
         _count_nodes(node, {}, set())
-        # Only now: merged mappings are copied, wherever they are used.
+        # Not before: merged mappings are copied at each use.
         return loader.construct_document(node)
     finally:
         loader.dispose()

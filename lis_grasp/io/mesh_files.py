@@ -1,7 +1,7 @@
-"""Mesh files: triangles, and what the format or the file states of units and of the axis upwards.
+"""Mesh files: triangles, and the units and upward axis that format or file states.
 
 trimesh reads glTF, COLLADA, OBJ and PLY of triangles with their colours. Other faces are cut into
-triangles here first, and what was read is compared with what the file announces.
+triangles here first, and the result is compared with what the file announces.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ TO_Z_UP: Mapping[str, FloatArray] = MappingProxyType(
         "x": np.array([[0, -1.0, 0], [0, 0, -1.0], [1.0, 0, 0]]),
     }
 )
-"""Rotations that turn an axis which points up to z, the others as COLLADA orders them."""
+"""Rotations that turn an upward axis to z, with the other axes in COLLADA's order."""
 
 _STL_OR_3MF = "export it as STL or 3MF from"
 _WAYS = {
@@ -59,7 +59,7 @@ class MeshFile:
     up
         Axis that the file or its format states to point up, "x", "y" or "z"; None if it does not.
     left_out
-        What the file has beside the object, in words.
+        Content of the file beside the object, in words.
     """
 
     mesh: trimesh.Trimesh
@@ -147,7 +147,7 @@ def _read(path: Path, ending: str, merge: bool, materials: bool) -> MeshFile:
 
 
 def _complete(mesh: trimesh.Trimesh, announced: int) -> trimesh.Trimesh:
-    """Return a mesh; raise ValueError if it has not all triangles that its file announces."""
+    """Return a mesh; raise ValueError if it lacks triangles that its file announces."""
     if len(mesh.faces) != announced:
         raise ReadError(f"it announces {announced} triangles; {len(mesh.faces)} could be read")
     return mesh
@@ -155,7 +155,7 @@ def _complete(mesh: trimesh.Trimesh, announced: int) -> trimesh.Trimesh:
 
 def _read_ply(path: Path, merge: bool, materials: bool) -> trimesh.Trimesh:
     announced = announced_rows(path).get("face")
-    with suppress(Exception):  # polygons of several sizes raise anything
+    with suppress(Exception):  # polygons of mixed sizes raise any error
         mesh = _load(path, path.read_bytes(), merge, materials)
         if len(mesh.faces) == announced:  # triangles only
             return mesh

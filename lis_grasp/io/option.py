@@ -22,7 +22,7 @@ Check = Callable[[str, Any], Any]
 """Returns the value to keep of an option's name and value, or raises `InvalidOptionError`."""
 
 LARGEST_NUMBER = 1e9
-"""Beyond this a number of an option, or of a log, is damage, whatever its unit."""
+"""A larger number in an option or a log is damage, whatever its unit."""
 
 _REQUIRED: Mapping[type, str] = {
     str: "a text that is not empty",
@@ -55,8 +55,8 @@ class Option:
     group: str = ""  #: title in the help of a verb; empty for none
     metavar: str | tuple[str, ...] = ""  #: name of its value in the help, or of each of three
     choices: tuple[str, ...] = ()  #: the permitted values; empty for any
-    words: str = ""  #: the default in words, of verbs that explore; empty for the value itself
-    words_else: str = ""  #: the same of verbs that read a file; empty for `words`
+    words: str = ""  #: the default in words, for verbs that explore; empty for the value itself
+    words_else: str = ""  #: the same for verbs that read a file; empty for `words`
     check: Check = lambda name, value: value
     registry: Names | None = None  #: names that it may have, plug-ins too
     meanings: Mapping[str, str] = field(default_factory=dict)  #: the package's own names in words
@@ -133,9 +133,9 @@ def kind_of(record: Any, name: str) -> type:
 
 
 def checked_value(name: str, value: Any, kind: type, check: Check) -> Any:
-    """Return what a check returns of a value that is of a type: str, bool, int or float.
+    """Return a check's result for a value of a type: str, bool, int or float.
 
-    Raises `InvalidOptionError` if it is not, or if the check fails.
+    Raises `InvalidOptionError` for another type, or if the check fails.
     """
     try:
         checked: Any = TypeAdapter(kind, config=ConfigDict(strict=True)).validate_python(
@@ -169,7 +169,7 @@ RATE = within("from 0 to 1", lambda value: 0 <= value <= 1)
 
 
 def at_least(least: int) -> Check:
-    """Return the check of numbers from a least one up."""
+    """Return the check of numbers with a lower limit."""
     return within(f"at least {least} and finite", lambda value: least <= value < float("inf"))
 
 

@@ -9,7 +9,7 @@ from lis_grasp.typing import FloatArray
 # Width and height of a picture, its margin, and the length of a normal [CSS pixels].
 _SIZE, _MARGIN, _ARROW = (240.0, 180.0), 18.0, 12.0
 _MOST_POINTS = 400
-# Right and up of a picture, seen from the front, from the right and from above.
+# Right and up of a picture, in a view from the front, the right and above.
 _VIEW = np.array([[0.82, 0.57, 0.0], [-0.23, 0.33, 0.91]])
 _DOWN = np.array([1.0, -1.0])  # the vertical axis of SVG points down
 

@@ -1,4 +1,4 @@
-"""Provenance: version, configuration and seed as one JSON line in a file's header."""
+"""Provenance: version, task and seed as one JSON line in a file's header."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.version import __version__
 
 HEADER_BYTES = 65_536
-"""Bytes in which the header of a PLY, or of a file of results, ends."""
+"""Bytes within which the header of a PLY, or of a file of results, ends."""
 
 _MARK = "lis_grasp "
 _DIGEST_LENGTH = 16
@@ -38,8 +38,8 @@ def describe(**facts: Any) -> str:
 def source_digest(module: str, skipped: tuple[str, ...] = ()) -> str:
     """Return a hash of the source of a module and of all that it imports from this package.
 
-    It distinguishes two states of one version. Imports of `skipped` modules and folders are left
-    out where modules of the folder of `module` import them.
+    It distinguishes two states of one version. `skipped` modules and folders are left out where
+    modules in the folder of `module` import them.
     """
     digest = hashlib.sha256()
     for name, path in sorted(_imported(module, skipped).items()):
@@ -101,7 +101,7 @@ def parse(header: str) -> dict[str, Any]:
 
 
 def read(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
-    """Return the facts in the header of a .ply or .json output file; empty if it has none.
+    """Return the facts in the header of a .ply or .json output file; empty without a header.
 
     `usual` is the name of such a file in a folder of results, for the message if `path` is one.
 

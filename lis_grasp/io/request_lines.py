@@ -23,7 +23,7 @@ Answer = Callable[[dict[str, Any]], dict[str, Any]]
 LOCALHOST = "127.0.0.1"
 """The address of the socket: only this machine can connect."""
 
-_MOST_BYTES = MEBIBYTE  # of a request
+_MOST_BYTES = MEBIBYTE  # in a request
 _MOST_CLIENTS = 8  # at once
 
 
@@ -37,8 +37,8 @@ def answer_lines(
     than 1 MiB (the rest of it is skipped), or a request that cannot be carried out.
     ``{"request": "stop"}`` ends.
 
-    A stream that is not `trusted` ends after the first line that is no request: a web page that
-    posts to the port sends lines of its own before.
+    A stream that is not `trusted` ends after the first line that is not a request: a web page that
+    posts to the port sends header lines first.
     """
     while line := requests.readline(_MOST_BYTES + 1):
         is_whole = len(line) <= _MOST_BYTES
@@ -66,7 +66,7 @@ def _parsed(line: bytes) -> dict[str, Any] | str:
         return f"a request is one JSON object a line; this is not ({str(error)[:100]})"
     if not isinstance(request, dict):
         return f"a request is a JSON object; this is of type {type(request).__name__}"
-    if not isinstance(request.get("id", ""), str | int):  # what is repeated must be JSON again
+    if not isinstance(request.get("id", ""), str | int):  # the answer repeats it as JSON
         return "the id of a request is a text or a whole number"
     return request
 
@@ -118,18 +118,18 @@ class _Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
         self.address_family = socket.AF_UNIX if isinstance(address, str) else socket.AF_INET
         self.places, self._answer, self._answering = BoundedSemaphore(_MOST_CLIENTS), answer, Lock()
         self._admitting = Lock()
-        self.silent: dict[socket.socket, None] = {}  # clients without a request so far
+        self.silent: dict[socket.socket, None] = {}  # clients that have sent no request
         super().__init__(address, _Connection)  # type: ignore[arg-type]
 
     def admit(self, client: socket.socket) -> bool:
         """Return whether a client has a place; if none is free, the first silent one gives way."""
-        with self._admitting:  # or another client takes the place that becomes free
+        with self._admitting:  # else another client takes the free place
             free = self.places.acquire(blocking=False)
             for other in () if free else tuple(self.silent):
                 if self.silent.pop(other, False) is None:
                     with suppress(OSError):  # it has gone
                         other.shutdown(socket.SHUT_RDWR)
-                    free = self.places.acquire(timeout=5.0)  # [s], in which it ends
+                    free = self.places.acquire(timeout=5.0)  # [s] for it to end
                     break
             if free:
                 self.silent[client] = None

@@ -14,7 +14,7 @@ from pydantic_core import ErrorDetails
 from lis_grasp.exceptions import InvalidFileError, nearest_of, shown
 from lis_grasp.io.limits import reading
 
-# Beyond this a number of a file is damage, whatever its unit.
+# A larger number in a file is damage, whatever its unit.
 _LARGEST = 1e12
 # The key of a message names this many nested places at most.
 _DEEPEST = 6
@@ -48,7 +48,7 @@ def first_mistake(invalid: ValidationError, known: Iterable[str] = ()) -> tuple[
     key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in place).lstrip(".")
     if first["type"] == "missing":
         return key, f"is missing{_misspelt(errors, first['loc'][:-1])}"
-    if first["type"].startswith("union_tag"):  # the key that says which record it is
+    if first["type"].startswith("union_tag"):  # the key that selects the record
         tag, choices = (first["ctx"].get(n, "") for n in ("tag", "expected_tags"))
         key += f".{first['ctx']['discriminator']}".replace("'", "")
         return key, f"must be one of {choices}; it is {shown(tag)}" if choices else "is missing"
@@ -61,7 +61,7 @@ def first_mistake(invalid: ValidationError, known: Iterable[str] = ()) -> tuple[
 
 
 def _misspelt(errors: Sequence[ErrorDetails], mapping: tuple[int | str, ...]) -> str:
-    """Return the clause on the first unknown key of a mapping that lacks keys, or nothing."""
+    """Return the clause about the first unknown key of a mapping that lacks keys, or nothing."""
     inside = [error for error in errors if error["loc"][:-1] == mapping]
     unknown, missing = (
         [str(error["loc"][-1]) for error in inside if error["type"] == kind]
@@ -89,12 +89,12 @@ def parse_entry(
 
 
 def write_json_schema(schema: type[BaseModel], path: Path) -> None:
-    """Write the JSON schema, from which editors complete and check a YAML file."""
+    """Write the JSON schema, by which editors complete and check a YAML file."""
     path.write_text(json.dumps(schema.model_json_schema(), indent=1) + "\n", encoding="utf-8")
 
 
 def read_json(schema: type[_Schema], path: Path, what: str, cure: str = "repair it") -> _Schema:
-    """Return the content of a JSON file as a record; errors as of `reading` and `checked`."""
+    """Return the content of a JSON file as a record; for errors see `reading` and `checked`."""
     with reading(path, "JSON", advice=cure):
         content = json.loads(path.read_text(encoding="utf-8"))
     return checked(schema, content, path, what, f": {cure}")

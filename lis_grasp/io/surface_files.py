@@ -4,7 +4,7 @@ As written: binary, little endian. Element ``vertex`` has x y z in metres (doubl
 is restored exactly), uncertainty (double, metres) where known and a colour that shows it, from teal
 (low) to yellow (high). Element ``face`` has triangles. Equal meshes make equal bytes. As read: any
 precision and order of properties, text or binary. The intermediate estimates of an exploration are
-in the folder growth/ of its results, each named after its number of contacts: ``growth/13.ply``.
+in the folder growth/ of its results, named after their numbers of contacts: ``growth/13.ply``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from lis_grasp.typing import ByteArray, FloatArray, IntArray
 
 _LOW, _HIGH = np.array([38.0, 130.0, 142.0]), np.array([253.0, 231.0, 37.0])
 
-# The colour scale ends at this quantile of the uncertainty.
+# Quantile of the uncertainty at which the colour scale ends.
 _SHOWN = 0.8
 
 
@@ -59,7 +59,7 @@ def save_surface(mesh: trimesh.Trimesh, path: Path | str, *, header: str = "") -
 
 
 def load_surface(path: Path | str) -> trimesh.Trimesh:
-    """Read a surface from a .ply file of `save_surface` or of another program.
+    """Read a surface from a .ply file by `save_surface` or another program.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def save_growth(results: Path, contacts: int, mesh: trimesh.Trimesh, header: str
 def load_growth(results: Path, facts: Mapping[str, Any]) -> list[tuple[int, trimesh.Trimesh]]:
     """Return the intermediate estimates of a surface, each with its number of contacts, in order.
 
-    `facts` are the provenance of the surface: estimates of another exploration or estimator are
+    `facts` are the provenance of the surface: estimates by another exploration or estimator are
     left out. Raises `InvalidFileError` if a file is damaged.
     """
     growth = []

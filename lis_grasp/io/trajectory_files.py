@@ -13,7 +13,7 @@ from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.yaml_files import word
 from lis_grasp.typing import FloatArray
 
-_DIGITS = 6  # behind the point: 1 um, 1 urad
+_DIGITS = 6  # after the decimal point: 1 um, 1 urad
 
 
 def write_trajectory_csv(
@@ -46,7 +46,7 @@ def write_joint_trajectory(
 ) -> None:
     """Write a trajectory as the YAML of a `trajectory_msgs/msg/JointTrajectory`.
 
-    ROS 2's tools and drivers play it, as by ``ros2 topic pub``. Times are (T,), the others (T, J).
+    ROS 2's tools and drivers play it, as ``ros2 topic pub``. Times are (T,), the others (T, J).
     """
     lines = [
         "header:",

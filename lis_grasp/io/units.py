@@ -1,4 +1,4 @@
-"""Length units of files, and the sizes that tell a mistaken one."""
+"""Length units of files, and the sizes that show a mistaken unit."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ UNITS: Mapping[str, float] = MappingProxyType({"m": 1.0, "cm": 0.01, "mm": 0.001
 SMALLEST, LARGEST = 0.005, 2.0
 """Range of the largest extent of an object [m]; beyond it the unit is mistaken."""
 
-# Smallest largest extent of contacts on an object that a hand can grasp [m].
+# Least value of the largest extent of contacts on a graspable object [m].
 _LEAST_EXTENT = 1e-3
-# Largest extents of objects that hands hold [m]: units that give one of these are proposed first.
+# Largest extents of objects that hands hold [m]: units that give such an extent are proposed first.
 _HANDY = (0.02, 0.5)
-# Distance of single-precision numbers, as a fraction of the extent, that distorts a shape, and a
-# number that they can still hold.
+# Spacing of single-precision numbers that distorts a shape, as a fraction of the extent, and a
+# number that single precision can still hold.
 _COARSEST, _FARTHEST_SINGLE = 0.005, 1e30
 # Fields of contacts that are lengths.
 _LENGTHS = ("points", "free_points", "free_radii", "position_noise")
@@ -43,9 +43,9 @@ def unit_name(metres: float) -> str:
 
 
 def chosen_unit(path: Path, stated: float | None, given: str | None) -> float:
-    """Return the length of a file's unit [m]: as the file states, else as given, else a metre.
+    """Return the length of a file's unit [m]: as the file states, else as given, else 1 m.
 
-    Raises `InvalidOptionError` if there are no such units, or the given ones contradict the file.
+    Raises `InvalidOptionError` if the given units do not exist, or contradict the file.
     """
     if given is not None and given not in UNITS:
         raise InvalidOptionError.not_one_of("units", given, UNITS)
@@ -65,7 +65,7 @@ def in_metres(path: Path, fields: dict[str, Any], units: str | None) -> tuple[di
     """Return the fields of contacts in a file, in metres, and the name of the file's units.
 
     `fields["units"]` is the name that the file states, or None. Raises `InvalidFileError` if it is
-    not in `UNITS`, and errors of `chosen_unit`.
+    not in `UNITS`; for other errors see `chosen_unit`.
     """
     stated = fields.pop("units", None)
     if stated is not None and stated not in UNITS:
@@ -79,9 +79,9 @@ def in_metres(path: Path, fields: dict[str, Any], units: str | None) -> tuple[di
 
 
 def require_resolved(path: Path, points: FloatArray) -> None:
-    """Raise `InvalidFileError` if points (N, 3) of single precision are too far off for their size.
+    """Raise `InvalidFileError` if single-precision points (N, 3) are too far off for their size.
 
-    A box of 50 mm that is 10 km from the origin has its vertices 1 mm apart, or at one place.
+    At 10 km from the origin, the vertices of a 50 mm box are rounded to 1 mm.
     """
     farthest = float(np.abs(points).max(initial=0.0))
     if not 0.0 < farthest < _FARTHEST_SINGLE:
@@ -100,9 +100,9 @@ def require_resolved(path: Path, points: FloatArray) -> None:
 def require_object_size(
     what: str, extent: float, metres: float = 1.0, *, stated: bool = False
 ) -> None:
-    """Raise `InvalidMeshError` if an extent fits no object of a hand; the message names units.
+    """Raise `InvalidMeshError` if an extent fits no graspable object; the message names units.
 
-    It is in units of so many `metres`, which its file may have `stated`.
+    The extent is in a unit of length `metres`, which its file may have `stated`.
     """
     if SMALLEST <= extent * metres <= LARGEST:
         return
@@ -114,7 +114,7 @@ def require_object_size(
 
 
 def _fitting(extent: float) -> str:
-    """Return the units in which an extent is that of an object, in words."""
+    """Return in words the units in which an extent fits an object."""
     sizes = {name: extent * length for name, length in UNITS.items()}
     for low, high in (_HANDY, (SMALLEST, LARGEST)):
         fit = [f"{name} (then {size:.3g} m)" for name, size in sizes.items() if low <= size <= high]

@@ -23,23 +23,23 @@ _MOST_BYTES = 2 * MEBIBYTE
 def find_yaml_file(
     name: str, what: str, *, example: str, advice: str, error: Callable[..., Exception]
 ) -> Path | None:
-    """Return the path of a file that is there; None for what may be a name.
+    """Return the path of an existing file; None for what may be a name.
 
     Parameters
     ----------
     name
         A path or a name, as a user gave it.
     what
-        ``hand`` or ``arm``, which the file describes.
+        ``hand`` or ``arm``: what the file describes.
     example, advice
         For messages: a name that exists, and how to write the YAML file of a URDF or SDF.
     error
-        Class of the error, which has the file's name.
+        Class of the error, which gets the file's name.
 
     Raises
     ------
     error
-        For a URDF or SDF, or a YAML file that is not there.
+        For a URDF or SDF, or a missing YAML file.
     """
     path = Path(name)
     ending = path.suffix.lower()
@@ -56,7 +56,7 @@ def find_yaml_file(
     return None
 
 
-# Of scalars that do not fit their tags.
+# PyYAML's errors for scalars that do not fit their tags.
 _MISFITS = (AttributeError, LookupError, OverflowError, TypeError)
 
 
@@ -85,6 +85,6 @@ def is_plain_text(text: str) -> bool:
         return bool(text) and all(
             yaml.safe_load(form) == [text] for form in (f"[{text}]", f"- {text}")
         )
-    # Not an error of the caller: text that YAML cannot read, for whatever reason, needs quotes.
+    # This is no error of the caller: text that YAML cannot read, for any reason, needs quotes.
     except (*_MISFITS, RecursionError, ValueError, yaml.YAMLError):
         return False
