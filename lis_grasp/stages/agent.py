@@ -38,8 +38,8 @@ class Agent:
     ('wsg50', 'blend')
     """
 
-    robot: Robot  #: as configured: names, and the sensor
-    known: Known  #: as configured
+    robot: Robot  #: of the task: names, and the sensor
+    known: Known  #: of the task
     decide: Decide  #: how it decides
     seed: int  #: of every random draw
     hand: Hand
@@ -64,8 +64,8 @@ class Agent:
     ) -> Agent:
         """Return the agent of a task whose object is on a plane at a height [m], in a space.
 
-        `hand` is None for the configured one. `X_EA` (4, 4) is the pose of the arm's base in the
-        frame of the contacts, as recorded; None for the configured one.
+        `hand` is None for the task's. `X_EA` (4, 4) is the recorded pose of the arm's base in the
+        frame of the contacts; None for the task's.
 
         Raises `InvalidHandError`, `InvalidArmError` and `InvalidFileError` if a file cannot be
         used.
@@ -90,13 +90,13 @@ class Agent:
     def placed(self, space: Workspace | Region | None) -> Agent:
         """Return the same, knowing that the object is in a space."""
         radii = [posture.radius for posture in self.hand.probe_postures.values()]
-        if space is not None and radii:  # of the thickest fingertip
+        if space is not None and radii:  # use the thickest fingertip's
             space = replace(space, tip_radius=max(radii))
         return replace(self, space=space)
 
     @property
     def known_space(self) -> Workspace | Region:
-        """The space, of an agent that is to touch: it knows one."""
+        """The space, which an agent that touches knows."""
         assert self.space is not None
         return self.space
 
@@ -108,7 +108,7 @@ class Agent:
 
     @cached_property
     def cloud_contacts(self) -> Contacts:
-        """Contacts that are known before the first touch; errors are those of `load_cloud`."""
+        """Contacts that are known before the first touch; for errors see `load_cloud`."""
         return load_cloud(self.known.cloud)
 
     def deciding(self, **decisions: Any) -> Agent:
@@ -116,12 +116,12 @@ class Agent:
         return replace(self, decide=replace(self.decide, **decisions))
 
     def unseen_ends(self, contacts: Contacts) -> tuple[End, ...]:
-        """Return the ends of an object in a region that no contact shows."""
+        """Return the ends, of an object in a region, that no contact shows."""
         space = self.space
         return unseen_ends(space.fitted_to(contacts), contacts) if isinstance(space, Region) else ()
 
     def in_frame(self, X_EF: FloatArray) -> Agent:
-        """Return the same in a frame F that has the pose `X_EF` (4, 4) in the frame E so far."""
+        """Return the same in a frame F, whose pose in the present frame E is `X_EF` (4, 4)."""
         if self.station is None:
             return self
         return replace(self, station=self.station.moved(inverse_pose(X_EF) @ self.station.X_WA))

@@ -1,4 +1,4 @@
-"""The configured arm: its base at the table, obstacles, and the facts of both in headers."""
+"""The arm of a task: its base at the table, its obstacles, and the facts of both in headers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lis_grasp.typing import FloatArray
 
 
 def make_station(robot: Robot, hand: Hand, table: Table, X_EA: FloatArray | None) -> Station | None:
-    """Return the configured station at a table; None without an arm."""
+    """Return the station of a robot at a table; None without an arm."""
     if robot.arm is None:
         return None
     arm = Arm.load(robot.arm)
@@ -32,7 +32,7 @@ def make_station(robot: Robot, hand: Hand, table: Table, X_EA: FloatArray | None
 
 
 def find_obstacles(task: Task) -> trimesh.Trimesh | None:
-    """Return the configured obstacles, None without any; errors are those of `load_obstacles`."""
+    """Return the obstacles of a task, None without any; for errors see `load_obstacles`."""
     path = task.known.obstacles
     return None if path is None else load_obstacles(path)
 

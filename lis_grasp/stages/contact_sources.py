@@ -14,13 +14,13 @@ from lis_grasp.surfaces.contact_checks import NormalSide
 from lis_grasp.surfaces.contact_preparation import thin_contacts, with_noise
 from lis_grasp.task.recorded_facts import read_facts
 
-# An exploration estimates the surface after every touch: more contacts of a cloud are thinned.
+# An exploration estimates the surface after every touch: a cloud with more contacts is thinned.
 _MOST_OF_CLOUD = 300
 
 
 @dataclass(frozen=True, slots=True)
 class ContactSource:
-    """A file of contacts of one sensor, and what the file does not say of them.
+    """A file of contacts of one sensor, and what the file does not say about them.
 
     Parameters
     ----------
@@ -29,8 +29,8 @@ class ContactSource:
     units, normals, fingertip_radius, viewpoint
         The arguments of `load_contacts`.
     position_noise, normal_noise
-        Noise of contacts that do not carry their own [m], [rad]; None for what the file's header
-        says of its sensor, or else the estimate from the file's contacts.
+        Noise [m], [rad] of contacts that do not carry their own; None for the noise that the
+        file's header states for its sensor, or else an estimate from the file's contacts.
 
     Examples
     --------
@@ -50,7 +50,7 @@ class ContactSource:
 def read_source(source: ContactSource) -> tuple[Contacts, dict[str, Any]]:
     """Return the contacts of a file, and the facts that it records.
 
-    Normals that it lacks are estimated; simulated ones are outward. Errors are those of
+    Missing normals are estimated; simulated ones are outward. For errors see
     `load_contacts`.
     """
     recorded, noise = read_facts(Path(source.path)), source.position_noise
@@ -68,7 +68,7 @@ def read_source(source: ContactSource) -> tuple[Contacts, dict[str, Any]]:
 def load_source(source: ContactSource) -> Contacts:
     """Load the contacts of one sensor, with the noise of each.
 
-    It stays unknown where the contacts do not determine it. See `read_source`.
+    The noise stays unknown if the contacts do not determine it. See `read_source`.
     """
     contacts, recorded = read_source(source)
     given = [
@@ -87,9 +87,9 @@ def join_sources(sources: Iterable[ContactSource]) -> Contacts:
 
 
 def load_cloud(path: str | None) -> Contacts:
-    """Load the contacts that are known before the first touch; none for None.
+    """Load the contacts known before the first touch; no contacts for None.
 
-    Errors are those of `load_source`.
+    For errors see `load_source`.
     """
     if path is None:
         return Contacts.empty()

@@ -55,14 +55,14 @@ class Perception:
     sensor: TactileSensor = field(default_factory=TactileSensor)  #: the estimator knows its noise
     free_space: bool = True  #: whether the contacts' free space is removed from the estimate
     keep_all: bool = False  #: whether contacts that the others contradict are believed
-    support_height: float | None = None  #: of a table that closes it from below [m]
-    margin: float | None = None  #: by which free space is smaller [m]; None for the sensor's
+    support_height: float | None = None  #: of a table that closes the estimate from below [m]
+    margin: float | None = None  #: by which free space shrinks [m]; None for the sensor's
     options: Mapping[str, Any] = field(default_factory=dict)  #: further keywords of the estimator
-    normals: NormalSide | None = None  #: side that they point to; None requires outward ones
+    normals: NormalSide | None = None  #: side to which normals point; None requires outward ones
 
     @classmethod
     def of(cls, robot: Robot, decide: Decide, support_height: float | None) -> Perception:
-        """Return the settings of a robot, for an object on a table at a height [m] or on none.
+        """Return a robot's settings for an object on a table at a height [m], or without a table.
 
         Its contacts are simulated, or were checked when they were read: normals are outward.
         """
@@ -79,8 +79,8 @@ class Perception:
     def make(self) -> Estimator:
         """The estimator, given the sensor's noise.
 
-        It estimates a noise that is 0 from the contacts, or keeps its own default. An estimator
-        that is no name is given the further options alone.
+        It estimates a noise of 0 from the contacts, or keeps its own default. An estimator that is
+        not a name gets the further options only.
         """
         sensor, noise = self.sensor, dict(self.options)
         if not isinstance(self.estimator, str):
@@ -90,7 +90,7 @@ class Perception:
         return partial(find_estimator(self.estimator), **noise)
 
     def judge(self, contacts: Contacts) -> ContactVerdicts:
-        """Return the verdicts on contacts, given the sensor's noise; with `keep_all`, all sound."""
+        """Return the verdicts on contacts, given the sensor's noise; `keep_all` makes all sound."""
         noise = {
             name: self.options.get(name, getattr(self.sensor, name)) or None
             for name in ("position_noise", "normal_noise")
@@ -129,7 +129,7 @@ class SurfaceEstimate(Record):
 
     @cached_property
     def credible(self) -> Contacts:
-        """The contacts to estimate from, without those that the table implies."""
+        """The contacts to estimate from, without the points that the table adds."""
         return self.verdicts.credible
 
     @cached_property
@@ -141,9 +141,9 @@ class SurfaceEstimate(Record):
 
     @cached_property
     def guide(self) -> ImplicitSurface:
-        """The surface that guides touches, which go on: of all contacts if too many are bad.
+        """The surface that guides touches, which continue: of all contacts if too many are bad.
 
-        Neither free space nor the table are part of it.
+        Neither free space nor the table is part of it.
         """
         try:
             contacts = self.credible
@@ -177,7 +177,7 @@ def estimate(
 ) -> ImplicitSurface:
     """Estimate the surface of an object from contacts.
 
-    It is the surface of ``lis-grasp estimate``, of a run, and of `lis_grasp.drake`.
+    The surface equals that of ``lis-grasp estimate``, of a run, and of `lis_grasp.drake`.
 
     Parameters
     ----------
@@ -195,8 +195,8 @@ def estimate(
     keep_all
         Whether to believe all contacts, including contradicted ones.
     options
-        ``margin``, by which balls of free space are smaller [m]; ``normals``, the side that they
-        point to, as of `load_contacts`: without it they must be outward; and the keywords of the
+        ``margin``, by which balls of free space shrink [m]; ``normals``, the side to which they
+        point, as in `load_contacts`: without it they must be outward; and the keywords of the
         estimator's `from_contacts`, such as ``position_noise`` [m] and ``normal_noise`` [rad].
 
     Raises
@@ -242,7 +242,7 @@ def estimate(
 
 
 def note_doubts(contacts: Contacts, support_height: float | None = None) -> None:
-    """Warn of contacts in another unit than metres, of too few, and of some below the table [m]."""
+    """Warn of contacts that are not in metres, too few, or below the table [m]."""
     if contacts.extent > LARGEST:
         note(f"contacts are in metres, and these are {contacts.extent:.3g} m apart: check the unit")
     for doubt in filter(None, (few_contacts(contacts), doubt_of_table(contacts, support_height))):

@@ -14,7 +14,7 @@ from lis_grasp.task.task import HEIGHT, Task
 def known_table(
     support: float | Literal["none"] | None, task: Task, recorded: Mapping[str, Any]
 ) -> tuple[ObjectPlace, Perception]:
-    """Return the place of an object on the table that is given, else recorded, and the settings."""
+    """Return the object's place on the given or else recorded table, and the settings."""
     held = support == "none"
     if support is None:
         height = recorded.get("support_height")

@@ -19,7 +19,7 @@ from lis_grasp.stages.worker_pool import worker_pool
 
 
 def require_simulator(simulator: str, shape: Shape) -> None:
-    """Raise `InvalidOptionError` if a package is missing that lifts in a simulator need."""
+    """Raise `InvalidOptionError` if a package that the simulator needs is missing."""
     if simulator == "mujoco":
         from lis_grasp.simulation.mujoco.convex_pieces import require_mujoco
 
@@ -34,7 +34,7 @@ def lift_object(
     estimate: trimesh.Trimesh | None = None,
     options: LiftOptions | None = None,
 ) -> LiftOutcome:
-    """Simulate the lift of the true object in the configured simulator.
+    """Simulate the lift of the true object in the simulator of its world.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def lift_object(
     estimate
         The object as known, which an arm avoids; None if nothing is known.
     options
-        Options of the trial; None for `lift_options`.
+        Options of the trial; None for those of `lift_options`.
 
     Examples
     --------
@@ -111,7 +111,7 @@ def lift_each(
 
 
 def lift_options(agent: Agent) -> LiftOptions | None:
-    """Return the options of a lift whose load is known as a prior says; None for the defaults."""
+    """Return the options of a lift by the prior of its load; None for the defaults."""
     load = agent.load.prior
     if load.is_known:
         return None

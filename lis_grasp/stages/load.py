@@ -18,14 +18,14 @@ UNKNOWN_LOAD = LoadPrior(USUAL_FRICTION, USUAL_MASS, friction_spread=0.25, mass_
 
 @dataclass(frozen=True, slots=True)
 class KnownLoad:
-    """What is known of the load before the object is touched."""
+    """The load as known before the object is touched."""
 
     prior: LoadPrior  #: distribution of mass and friction
     by_volume: bool = False  #: whether its mass is replaced by `default_mass` of an estimate
 
     @classmethod
     def of(cls, task: Task) -> KnownLoad:
-        """Return what a task says is known: the true values, or how they are distributed."""
+        """Return what a task declares known: the true values, or their distribution."""
         world = task.world
         if task.known.load == "unknown":
             return cls(UNKNOWN_LOAD)

@@ -1,4 +1,4 @@
-"""Next touch of an object, from contacts so far: probe, hand pose and reason."""
+"""Next touch of an object, given its contacts: probe, hand pose and reason."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from lis_grasp.stages.touch import exploration_rng, make_perception, make_strate
 from lis_grasp.task.task import plain_value
 
 NO_TABLE = "no table is known"
-"""Start of warnings of a table that is assumed."""
+"""Start of warnings about an assumed table."""
 
 # Size of an object in extents of its contacts, if it is not given.
 _BEYOND_CONTACTS = 1.2
@@ -47,7 +47,7 @@ class NextTouch:
     policy: str
     distance: float | None  #: from the target to the nearest contact [m]; None without contacts
     deviation: float | None  #: of the estimate at the target [m]; None without contacts
-    blocked: int  #: probes before it that no finger could approach
+    blocked: int  #: earlier choices that no finger could approach
     sought: str = ""  #: ends of the object that are not found yet, in words
 
     def __repr__(self) -> str:
@@ -84,13 +84,13 @@ class NextTouch:
 
 @dataclass(frozen=True, slots=True)
 class ObjectPlace:
-    """What is known of the place of an object, beside contacts.
+    """The known place of an object, beside contacts.
 
     Parameters
     ----------
     center
-        Shape (3,) [m], centre of the object; None for that of the contacts, and without contacts
-        for the origin, or half the size above the table.
+        Shape (3,) [m], centre of the object; None for the contacts' centre, or without contacts
+        the origin, or half the size above the table.
     size
         Largest extent of the object [m]; None for 1.2 extents of the contacts.
     support
@@ -108,7 +108,7 @@ class ObjectPlace:
     region: Sequence[float] | None = None
 
     def table(self, contacts: Contacts) -> float | None:
-        """Return the height of the table in O [m], that of the lowest contact if it is unknown.
+        """Return the height of the table in O [m], the lowest contact's if it is unknown.
 
         None for an object that is held. Raises `InvalidOptionError` without contacts.
         """
@@ -125,7 +125,7 @@ class ObjectPlace:
         return float(contacts.bounds[0, 2])
 
     def doubt(self, contacts: Contacts) -> str:
-        """Return what was assumed of the table, in words; empty if it is known."""
+        """Return what was assumed about the table, in words; empty if it is known."""
         if self.region is not None or self.support is not None or self.held:
             return ""
         return (
@@ -134,10 +134,10 @@ class ObjectPlace:
         )
 
     def space(self, contacts: Contacts) -> Workspace | Region:
-        """Return the region, or the workspace of the object that the contacts show.
+        """Return the region, or else the workspace that the contacts show.
 
-        Raises `InvalidOptionError` if fewer than two contacts leave the size unknown, or none the
-        table.
+        Raises `InvalidOptionError` if fewer than two contacts leave the size unknown, or no contact
+        shows the table.
         """
         if self.region is not None:
             return Region(self.region)
@@ -159,9 +159,9 @@ class ObjectPlace:
 
 
 def next_touch(agent: Agent, contacts: Contacts, recorded: Sequence[Observation] = ()) -> NextTouch:
-    """Return the next touch that the known policy chooses and the hand can approach.
+    """Return the next touch that the agent's policy chooses and its hand can approach.
 
-    It is the next touch of the exploration with what was recorded, which has no limit here.
+    It continues the recorded exploration, here without a limit of contacts.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def next_touch(agent: Agent, contacts: Contacts, recorded: Sequence[Observation]
         Its hand needs a probe posture. In a region without contacts, the touch is a search motion.
         Its cloud is not used: it is part of the contacts.
     contacts
-        Those made before the recorded probes, in O.
+        Contacts made before the recorded probes, in O.
     recorded
         Observations by probes, if known: they make contacts too, and missed and blocked ones are
         not tried again.
@@ -198,7 +198,7 @@ def next_touch_after(
     """Return the next touch in a state of an exploration; see `next_touch`."""
     hand, rng, policy = agent.hand, exploration_rng(agent), plain_value(agent.decide.policy)
     planner = ApproachPlanner(hand, obstacles=agent.keep_out)
-    rng.spawn(len(state.observations) or len(state.prior))  # the generators of the probes so far
+    rng.spawn(len(state.observations) or len(state.prior))  # the generators of earlier probes
     blocked = 0
     while blocked < MOST_BLOCKED:
         chosen = choose(strategy, state, rng=rng.spawn(1)[0])

@@ -41,9 +41,9 @@ def plan_grasps(
 
 
 def closure_probability(agent: Agent, contacts: Contacts) -> float:
-    """Return the probability that the best of a few grasps closes, which the surface decides.
+    """Return the probability that the best of a few grasps has force closure.
 
-    Touching does not show how much weight a grasp must carry.
+    It depends on the surface alone: touching does not show the weight to carry.
     """
     try:
         mesh = SurfaceEstimate(contacts, agent.perception).mesh

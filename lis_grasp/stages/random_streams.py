@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Stream(IntEnum):
-    """What random numbers are drawn for; each draws from a stream of its own."""
+    """Purposes of random numbers; each draws from its own stream."""
 
     TOUCH = 1
     GRASP = 2

@@ -23,13 +23,13 @@ from lis_grasp.stages.tactile_check import tactile_check
 from lis_grasp.stages.touching_again import Lesson, touch_more
 from lis_grasp.typing import FloatArray
 
-# Distance [m] in which grasps fail alike: the usual extent of an error of an estimate.
+# Distance [m] within which grasps fail alike: the usual extent of an estimate's error.
 _ALIKE = 0.015
-# Grasps that are planned after a failure, from which the next is chosen.
+# Number of grasps planned after a failure, from which the next is chosen.
 _MORE_GRASPS = 20
 
 
-# Outcomes of grasps that hardly move the object, which is not searched for after them.
+# Outcomes of grasps that hardly move the object, so that no search follows.
 _GENTLE = ("aborted", "set_down")
 # Outcomes, before the hand closed, after which the next grasp of the same plan is executed.
 _NEXT_GRASP = ("no_arm_motion", "out_of_arm_reach", "torque_limit", "arm_collision")
@@ -67,7 +67,7 @@ class Stages:
 class Attempt:
     """One executed grasp, with the contacts and the estimate that it was planned on."""
 
-    scenario: Scenario  #: before it, in the frame of the contacts
+    scenario: Scenario  #: before the attempt, in the frame of the contacts
     contacts: Contacts  #: all known before the attempt
     mesh: trimesh.Trimesh  #: the surface estimated from them, in O [m]
     search: GraspSearch  #: the grasps planned on it
@@ -89,13 +89,13 @@ def grasp_with_tactile_check(
     on the new estimate is tested. Each of `Decide.closings` tests asks for less; after them, force
     closure is enough.
 
-    After every other failure (`LOST_GRASPS`) and without a grasp, the attempt has ended, and the
-    object rests somewhere. There it is found again by touch, and touched some more times
-    (`touch_more`), as it is at the beginning if an end of it is unseen. A weighed mass replaces the
-    prior. The next grasp is the likeliest to succeed if grasps like the failed ones fail too. The
-    last grasp of the last of `Decide.attempts` is lifted without a check.
+    After every other failure (`LOST_GRASPS`), and without a grasp, the attempt has ended, and the
+    object rests at an unknown pose. It is found again by touch, and touched some more times
+    (`touch_more`); this also happens at the beginning if an end of it is unseen. A weighed mass
+    replaces the prior. The next grasp is the likeliest to succeed if grasps like the failed ones
+    fail, too. The last grasp of the last of `Decide.attempts` is lifted without a check.
 
-    Where the arm has no way to a grasp, or has to stop on it, the next grasp of the plan is
+    If the arm has no path to a grasp, or has to stop on it, the next grasp of the plan is
     executed instead, as part of the same attempt.
 
     The scenario is the one after the exploration (`Scenario.after`), with its contacts. The frame
@@ -144,7 +144,7 @@ def grasp_with_tactile_check(
 
 
 def _with_ends(scenario: Scenario, contacts: Contacts) -> Scenario:
-    """Return the scenario with the ends of the object in a region that no contact shows."""
+    """Return the scenario with the ends, of an object in a region, that no contact shows."""
     agent = scenario.agent
     ends = agent.unseen_ends(contacts)
     toward = tuple(tuple(float(x) for x in end.displacement) for end in ends)
@@ -153,12 +153,12 @@ def _with_ends(scenario: Scenario, contacts: Contacts) -> Scenario:
 
 
 def _learned(attempt: Attempt, outcome: LiftOutcome) -> tuple[Scenario, Contacts]:
-    """Return scenario and contacts after an attempt, where the fingers closed."""
+    """Return scenario and contacts after an attempt in which the fingers closed."""
     felt, scenario = outcome.measured_contacts, attempt.scenario.moved(outcome.X_WO)
     felt = replace(felt, free_radii=np.maximum(felt.free_radii - CONTACT_ERROR, 0.0))
     load, agent = scenario.agent.load.of_mesh(attempt.mesh), scenario.agent
     agent = agent.deciding(grasps=max(agent.decide.grasps, _MORE_GRASPS))
-    # An object that was not lifted may be heavier: the table helped.
+    # An object that was not lifted may be heavier, because the table carried a part.
     if outcome.weighed is not None and (outcome.lifted or outcome.weighed > load.mass):
         load = replace(load, mass=outcome.weighed, mass_spread=0.0)
         agent = replace(agent, load=KnownLoad(load))
@@ -168,8 +168,8 @@ def _learned(attempt: Attempt, outcome: LiftOutcome) -> tuple[Scenario, Contacts
 def _likeliest_first(search: GraspSearch, failed: Sequence[FloatArray]) -> list[int]:
     """Return the indices of all grasps, the likeliest to succeed first.
 
-    A grasp fails with one that failed by the probability ``exp(-d^2 / 2 l^2)``, where d is the root
-    mean square distance of the failed contacts from its nearest ones.
+    A failed grasp makes another fail with probability ``exp(-d^2 / 2 l^2)``, where d is the root
+    mean square distance of the failed contacts from the nearest ones of the other.
     """
 
     def failure(rank: int) -> float:

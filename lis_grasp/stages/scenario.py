@@ -36,7 +36,7 @@ class Truth:
     shape: Shape  #: where it is before the first touch, in the frame W of the table
     mass: float  #: [kg]
     friction: float  #: Coulomb's coefficient on hand and table
-    X_WO: FloatArray  #: (4, 4), the pose at which `shape` was put; the identity for its mesh's
+    X_WO: FloatArray  #: (4, 4), the pose of `shape`; the identity for its mesh's own
     #: (4, 4), motion of `shape` by touches and grasps, in the frame E of the contacts
     X_EO: FloatArray
 
@@ -78,12 +78,12 @@ class Scenario:
         task
             The task.
         shape
-            The true object in its own frame O; None for the configured one.
+            The true object in its own frame O; None for the task's.
         hand
-            The hand; None for the configured one.
+            The hand; None for the task's.
         recorded
             Facts of a results file: its poses ``X_WO``, ``X_EO`` and ``X_EA`` of object, moved
-            object and arm replace those that the task and its seed give.
+            object and arm replace the poses given by the task and its seed.
 
         Raises
         ------
@@ -116,8 +116,8 @@ class Scenario:
     def after(self, exploration: Exploration, X_EO: FloatArray | None) -> Scenario:
         """Return the scenario after an exploration, in the frame of its contacts.
 
-        The frame moved with the believed object, and with it the station; touches moved the object
-        to the true pose `X_EO` (4, 4), None if it is fixed.
+        The frame, and the station in it, moved with the believed object. Touches moved the object
+        to the true pose `X_EO` (4, 4); None if it is fixed.
         """
         belief = exploration.belief
         agent = self.agent if belief is None else self.agent.in_frame(belief.X_WE)
@@ -129,9 +129,9 @@ class Scenario:
         return replace(self, truth=replace(self.truth, X_EO=X_EO))
 
     def warnings(self, contacts: Contacts) -> dict[str, list[str]]:
-        """Return the warning that ends of the object were not found, as a fact; none if all were.
+        """Return a warning, as a fact, if ends of the object were not found.
 
-        Grasps alone are planned as if the estimate ended there.
+        Grasps are still planned, as if the object ended with the estimate.
         """
         ends = self.agent.unseen_ends(contacts) if len(contacts) else ()
         return {"warnings": [f"not found: {', '.join(map(str, ends))}"]} if ends else {}
@@ -165,10 +165,10 @@ def find_object(world: World) -> Shape:
 
 
 def place_object(shape: Shape, task: Task) -> tuple[Shape, FloatArray]:
-    """Return an object at its configured pose, and this pose X_WO (4, 4) on the table z = 0.
+    """Return an object at its pose in a task, and this pose X_WO (4, 4) on the table z = 0.
 
     Without a pose, it stays in its own frame. Raises `InvalidOptionError` if it does not fit into
-    its region, or a cloud cannot show where it is.
+    its region, or has a cloud that cannot show its place.
     """
     pose = task.world.pose
     if pose is None:
@@ -190,7 +190,7 @@ def lowest_point(shape: Shape) -> float:
 
 
 def known_place(shape: Shape, *, on_table: bool = False) -> Workspace:
-    """Return the prior knowledge of an object: centre of its bounding box and largest extent."""
+    """Return an object's known place: the centre of its bounding box and its largest extent."""
     center = shape.mesh.bounds.mean(axis=0)
     height = lowest_point(shape) if on_table else None
     return Workspace(STEP_FRACTION * shape.size, center, shape.size, height)

@@ -1,4 +1,4 @@
-"""Touch stage: the exploration of an object, by the configured prober and policy."""
+"""Touch stage: the exploration of an object, by the prober and policy of the task."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def touch(
 ) -> Exploration:
     """Explore the object of a scenario by touch.
 
-    The configured cloud is known before the first touch; it is no part of the result. The object is
+    The task's cloud is known before the first touch, but is not part of the result. The object is
     fixed, or free on a table: then it stays where a touch leaves it.
 
     Parameters
@@ -58,10 +58,10 @@ def touch(
     scenario
         The prober touches its true object; everything else depends on what is known.
     prober
-        Carries out the probes; None for the configured one.
+        Carries out the probes; None for the task's.
     recorded
-        Observations to resume: those of the same exploration, interrupted or for fewer touches. A
-        free object is where `Scenario.moved` puts it.
+        Observations to resume: those of the same exploration, interrupted or with fewer touches.
+        A free object is where `Scenario.moved` puts it.
 
     Examples
     --------
@@ -87,7 +87,7 @@ def touch_steps(
 
 
 def make_perception(settings: Perception, prior: Contacts | None = None) -> TactilePerception:
-    """Return how contacts become what is known, without tracker.
+    """Return how contacts become knowledge, without a tracker.
 
     `prior` contacts are known before the first touch.
     """
@@ -125,7 +125,7 @@ def exploration_rng(agent: Agent) -> np.random.Generator:
 
 
 def stop_rules(agent: Agent) -> list[StopRule]:
-    """Return new rules that end the exploration of a known space early."""
+    """Return new rules that end an exploration early."""
     decide, rules = agent.decide, []
     if decide.until_coverage is not None:
         rules.append(stop_when_covered(decide.until_coverage, agent.known_space))
@@ -141,7 +141,7 @@ def stop_rules(agent: Agent) -> list[StopRule]:
 def make_policy(
     policy: str | Callable[[Workspace], Policy], space: Workspace | Region, sensor: TactileSensor
 ) -> Policy:
-    """Return the policy of a name, the package's or a plug-in, for one workspace or a region."""
+    """Return the policy of a name, built in or plugged in, for a workspace or a region."""
     if isinstance(space, Region):
         return RegionPolicy(space, partial(make_policy, policy, sensor=sensor))
     if not isinstance(policy, str):
@@ -159,9 +159,9 @@ def make_policy(
 def make_prober(
     scenario: Scenario, recorded: Sequence[Observation] = (), arm_use: ArmUse | None = None
 ) -> Prober:
-    """Return the configured prober of the true object, in the frame after recorded observations.
+    """Return the task's prober of the true object, in the frame after recorded observations.
 
-    Simulated touches add what they demand of an arm to `arm_use`.
+    Simulated touches add their demands on an arm to `arm_use`.
     """
     world, truth, agent = scenario.task.world, scenario.truth, scenario.agent
     mesh, sensor = truth.shape.mesh, agent.robot.sensor
@@ -174,7 +174,7 @@ def make_prober(
             agent.hand,
             mesh,
             free=on_plane if world.is_free else None,
-            force_threshold=sensor.force_threshold or None,  # a touch must be detected to end
+            force_threshold=sensor.force_threshold or None,  # only a detected touch ends a motion
             station=agent.station,
             arm_use=arm_use,
         )

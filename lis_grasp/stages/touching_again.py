@@ -28,22 +28,22 @@ from lis_grasp.stages.touch import (
     true_pose,
 )
 
-# Touches that a failed attempt is followed by, beside those that find the object again.
+# Number of touches after a failed attempt, beside those that find the object again.
 _MORE_TOUCHES = 4
 
 
-# Known contacts that may be touched again to find the object.
+# Most known contacts that may be touched again to find the object.
 _TOUCHED_AGAIN = 48
 
 
 @dataclass(frozen=True, slots=True)
 class Lesson:
-    """What a failed attempt taught: what the hand felt, and the touches after it."""
+    """What a failed attempt taught: the hand's contacts, and the touches after it."""
 
-    felt: int  #: contacts of the hand
+    felt: int  #: contacts that the hand measured
     touched: int  #: contacts by touches after it; all that are known, if the object was lost
     probes: int  #: of these touches
-    moved: float  #: where the object was found: the displacement of its frame [m]
+    moved: float  #: displacement of the object's frame where it was found [m]
     lost: bool  #: whether it was found somewhere else, earlier contacts unused
 
 
@@ -52,13 +52,13 @@ def touch_more(
 ) -> tuple[Scenario, Contacts, Lesson]:
     """Touch an object of known contacts some more times; if it has moved, find it first.
 
-    An exploration is continued, of a free object, by simulated touches with forces. After a motion,
+    An exploration of a free object continues by simulated touches with forces. After a motion,
     known contacts are touched again and register the object (`PoseTracker`). If they contradict the
-    contacts, it has toppled or is far away: it is explored anew, and the earlier contacts are used
-    as soon as the new ones tell where they are.
+    contacts, it has toppled or is far away. Then it is explored anew, and the earlier contacts are
+    used as soon as the new ones show where they are.
 
-    Returns the scenario and all contacts in the frame of the object where it was found, and counts.
-    Without contacts, it was not found.
+    Returns the scenario and all contacts in the frame of the found object, and counts.
+    It was not found if there are no contacts.
     """
     agent = scenario.agent
     if isinstance(agent.space, Workspace):
@@ -83,7 +83,7 @@ def touch_more(
     start = begin_again(perception, strategy, landmarks, doubted() if moved else PoseBelief.start())
     task = scenario.task.having(prober="dynamic", free=True, fingers="one")
     prober, rng = make_prober(replace(scenario, task=task)), exploration_rng(agent)
-    rng.spawn(len(landmarks) + 1)  # the first generators are those of touches before
+    rng.spawn(len(landmarks) + 1)  # earlier touches had the first generators
     touches = agent.decide.touches
     wanted, lost = len(landmarks) + _MORE_TOUCHES, False
     for state in explore_steps(prober, perception, strategy, rng=rng, start=start):
