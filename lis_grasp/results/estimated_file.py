@@ -1,4 +1,4 @@
-"""The estimate of contacts in files, written as a surface."""
+"""The estimate from files of contacts, written as a surface."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from lis_grasp.task.recorded_facts import read_facts
 from lis_grasp.task.task import Task, require_options
 from lis_grasp.typing import FloatArray
 
-# Fields that distinguish contacts.
+# Fields by which contacts are compared.
 _COMPARED = ("points", "normals", *NOISE)
 
 
@@ -54,12 +54,11 @@ def estimate_file(
 ) -> EstimatedFile:
     """Estimate the surface from files of contacts of one object, and write surface.ply.
 
-    Its contacts are written beside it if the folder lacks them, and files that were made from an
-    earlier surface are removed. The default of `folder` is that of the first file. `support` is the
-    height of the table under the object [m], which closes the estimate from below, or "none" for an
-    object that is held in the air; by default what the files record of it. The options are
-    ``estimator``, ``free_space`` and ``keep_all``, by default as recorded in the files, else as in
-    `Task`.
+    Its contacts are written beside it if the folder lacks them, and files made from an earlier
+    surface are removed. `folder` is by default that of the first file. `support` is the height of
+    the table under the object [m], which closes the estimate from below, or "none" for an object
+    held in the air; by default as recorded in the files. The options are ``estimator``,
+    ``free_space`` and ``keep_all``, by default as recorded in the files, else as in `Task`.
 
     Raises `InvalidContactsError` if there are no contacts, `InvalidOptionError` if the folder has
     others that must be kept, `TypeError` for another option.
@@ -107,9 +106,9 @@ def estimate_file(
 
 
 def _load_sources(sources: Sequence[ContactSource]) -> tuple[Contacts, dict[str, Any]]:
-    """Return the contacts of all files, and the facts that they record, of the first file first.
+    """Return the contacts of all files, and their recorded facts, the first file's first.
 
-    Contacts of several files carry the noise of their file.
+    Contacts of several files carry the noise of their own file.
     """
     if len(sources) == 1:
         return read_source(sources[0])
@@ -117,15 +116,15 @@ def _load_sources(sources: Sequence[ContactSource]) -> tuple[Contacts, dict[str,
     contacts = join_sources(sources)
     for source in reversed(sources):
         recorded |= read_facts(Path(source.path))
-    # The contacts carry what the files record of their sensors.
+    # The contacts carry the sensor noise that the files record.
     return contacts, {k: v for k, v in recorded.items() if k not in NOISE}
 
 
 def _require_contacts_fit(folder: Path, contacts: Contacts, sources: Sequence[Path]) -> bool:
-    """Return whether a folder has the contacts of a new surface as its contacts.ply.
+    """Return whether the contacts.ply of a folder has the contacts of a new surface.
 
-    Raises `InvalidOptionError` if it has others that must be kept: a source of the new ones, or
-    those of an exploration; or if its surface.ply is a source.
+    Raises `InvalidOptionError` if it has other contacts that must be kept (a source of the new
+    ones, or contacts of an exploration), or if its surface.ply is a source.
     """
     path, inputs = folder / "contacts.ply", [source.resolve() for source in sources]
     if (folder / "surface.ply").resolve() in inputs:

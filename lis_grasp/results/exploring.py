@@ -50,8 +50,8 @@ def explore_into(
     again. If what the exploration depends on has changed since, it starts from the beginning, and
     the earlier results are removed.
 
-    `progress` gets the reason for a start from the beginning, and the steps. With `fresh` it starts
-    from the beginning in any case. What new touches demand of an arm is added to
+    `progress` gets the reason for a start from the beginning, and the steps. `fresh` starts
+    from the beginning in any case. Demands of new touches on an arm are added to
     `arm_use`.
     """
     task, agent = scenario.task, scenario.agent
@@ -83,7 +83,7 @@ def explore_into(
         exploration = state.result
         stage.result = exploration.summary()
     contacts = exploration.contacts
-    if len(state.prior):  # the object was not lost since
+    if len(state.prior):  # the object was not lost
         contacts = contacts.append(cloud)
     after = scenario.after(exploration, X_EO)
     facts = provenance.parse(header) | after.facts() | after.warnings(contacts)
@@ -101,7 +101,7 @@ def explore_object(
 ) -> tuple[Scenario, Exploration]:
     """Explore alone, with the files of `explore_into`; return its result and the scenario.
 
-    Arguments and errors are those of `lis_grasp.pipeline.run`.
+    For arguments and errors see `lis_grasp.pipeline.run`.
 
     Examples
     --------

@@ -41,17 +41,17 @@ _STAGES = (
     ),
 )
 
-# Files whose content shows that this package wrote them.
+# Files whose content must show that this package wrote them.
 _RECOGNISED = ("contacts.ply", "surface.ply", "grasps.json", "report.json")
 
-# Every folder's name has these; other options only where they differ from their defaults.
+# Options in every folder's name; others are added where they differ from their defaults.
 _NAMED = ("object", "hand", "estimator", "seed")
 # Longest part of a folder's name; a file's name is limited to 255 bytes.
 _LONGEST_PART = 40
 
 
 def read_touches(path: Path) -> tuple[dict[str, Any], tuple[LoggedProbe, ...]]:
-    """Return the facts of a touch log, as of `read_facts`, and its probes, as of `read_log`."""
+    """Return the facts of a touch log (see `read_facts`) and its probes (see `read_log`)."""
     facts, probes = read_log(path)
     return checked_facts(facts, path), probes
 
@@ -59,8 +59,8 @@ def read_touches(path: Path) -> tuple[dict[str, Any], tuple[LoggedProbe, ...]]:
 def results_folder(task: Task, named: Path | str | None) -> Path:
     """Return the folder of a run: the one that is named, or `default_output`.
 
-    Raises `InvalidOptionError` if the folder has results of another object; a default one also if
-    they are of another configuration, such as of a file of the same name in another folder, and
+    Raises `InvalidOptionError` if the folder has results of another object, and a default folder
+    also if they are of another task, such as one with a file of the same name elsewhere. Raises
     `InvalidFileError` if it has files of other programs that the run would replace.
     """
     folder = default_output(task) if named is None else Path(named)
@@ -81,7 +81,7 @@ def results_folder(task: Task, named: Path | str | None) -> Path:
 
 
 def default_output(task: Task) -> Path:
-    """Return the folder that a run writes to when none is named; other options give another."""
+    """Return the default folder of a run; other options give another one."""
     facts, usual = task.facts(), Task().facts()
     parts = [Path(task.world.object).stem, Path(task.robot.hand).stem, facts["estimator"]]
     parts.append(f"seed{task.seed}")
@@ -112,7 +112,7 @@ def require_own(path: Path) -> None:
 def result_file(path: Path, progress: Progress = SILENT) -> Iterator[Path]:
     """Yield a temporary path for a stage's file, as `whole_file` does; then remove later files.
 
-    Files of later stages were made from the replaced file, and would seem to be of the new one.
+    Files of later stages were made from the replaced file, and would seem to belong to the new one.
     They are kept if the new file is equal to it. A file of another program is not replaced: see
     `require_own`.
     """
@@ -131,7 +131,7 @@ def remove_made_from(path: Path, progress: Progress = SILENT, why: str = "") -> 
     if not path.exists() or not read_facts(path):
         return
     stages = (number for number, names in enumerate(_STAGES) if path.name in names)
-    stage = next(stages, len(_STAGES))  # nothing is made from a file of another name
+    stage = next(stages, len(_STAGES))  # files of other names have no later files
     later = [path.with_name(name) for names in _STAGES[stage + 1 :] for name in names]
     made = [file for file in later if file.exists()]
     for file in reversed(made):
@@ -142,9 +142,9 @@ def remove_made_from(path: Path, progress: Progress = SILENT, why: str = "") -> 
 
 
 def scene_is_outdated(directory: Path, scene: Path | None = None) -> bool:
-    """Return whether a folder's scene, or another one of it, is missing or older than its files.
+    """Return whether the scene of a folder, or one elsewhere, is missing or older than its files.
 
-    The report is written after the folder's own scene, which has it.
+    The report is newer than the folder's own scene, which already contains it.
     """
     scene = scene or directory / "scene.html"
     if not scene.exists():

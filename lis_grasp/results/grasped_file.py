@@ -31,7 +31,7 @@ from lis_grasp.task.task import HEIGHT, Task, require_options
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspedFile:
-    """Grasps in a file, and what they were planned on."""
+    """Grasps in a file, and the mesh that they were planned on."""
 
     path: Path
     search: GraspSearch
@@ -49,11 +49,11 @@ def grasp_file(
     progress: Progress = SILENT,
     **options: Any,
 ) -> GraspedFile:
-    """Plan grasps on the mesh in a file, this package's or any, and write grasps.json.
+    """Plan grasps on the mesh in any file, and write grasps.json.
 
-    Files that were made from earlier grasps are removed. The default of `folder` is that of the
-    mesh. `support` is the height of the plane below the object [m], by default the recorded one: of
-    an estimate the table's, else the lowest contact's; else it is the mesh's lowest point. The
+    Files that were made from earlier grasps are removed. `folder` is by default that of the mesh.
+    `support` is the height of the plane under the object [m], by default the recorded one: for an
+    estimate the table's, else the lowest contact's; otherwise the mesh's lowest point. The
     options are ``hand``, ``arm``, ``base``, ``mass``, ``friction``, ``load``, ``grasps``,
     ``obstacles``, ``seed``, ``units`` and ``up``, by default as recorded in the file, else as in
     `Task`.
@@ -97,7 +97,7 @@ def load_mesh(
     path: Path, options: Mapping[str, Any], recorded: Mapping[str, Any], progress: Progress = SILENT
 ) -> trimesh.Trimesh:
     """Return the mesh of a file [m]: an estimate with recorded facts, or repaired."""
-    # A surface of this package has an uncertainty, and is in metres already.
+    # A surface by this package has an uncertainty, and is already in metres.
     units, up = options.get("units"), options.get("up")
     if recorded and units is None and up is None:
         return load_surface(path)

@@ -20,16 +20,16 @@ from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.estimate import SurfaceEstimate
 from lis_grasp.typing import FloatArray
 
-# Intermediate estimates that are kept, and the cells along the bounds of their meshes.
+# Number of intermediate estimates to keep, and the cells along the bounds of their meshes.
 _STEPS, _CELLS = 7, 26
 
 
-# Contacts of the first of them; with fewer the surface is nearly a guess.
+# Contacts of the first one; with fewer, the surface is very uncertain.
 _FIRST = 3
 
 
 def growth_counts(contacts: int) -> list[int]:
-    """Return the numbers of contacts whose estimates are kept, all below `contacts`.
+    """Return the numbers of contacts at which estimates are kept, all below `contacts`.
 
     Their ratios are about equal: the first contacts change the surface most.
     """
@@ -49,9 +49,9 @@ def watched_steps(
 ) -> tuple[ExplorationState, FloatArray | None]:
     """Write the log and some intermediate estimates, report the progress, and return the end.
 
-    Each step is a state, and beside it the true pose of a free object.
+    Each step is a state with the true pose of a free object.
     """
-    state, X_EO = next(steps)  # after the recorded probes, the last of which may lack its estimate
+    state, X_EO = next(steps)  # after the recorded probes; the last may lack its estimate
     kept = Exploration.replay(state.observations[:-1], touches=agent.decide.touches).made
     counts = growth_counts(agent.decide.touches)
     while not state.ended:

@@ -33,7 +33,7 @@ Job = tuple[int, Grasp]
 """The rank of a grasp, from 1, and the grasp."""
 
 Runner = Callable[[Callable[[Job], dict[str, Any]], Sequence[Job]], Iterator[dict[str, Any]]]
-"""Calls a function with each job somewhere, and yields the results in any order."""
+"""Calls a function with each job, on any machine, and yields the results in any order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +42,7 @@ class LabelledFile:
 
     path: Path
     search: GraspSearch
-    labels: Sequence[Mapping[str, Any]]  #: of the grasps in order, as `lift_facts`
+    labels: Sequence[Mapping[str, Any]]  #: of the grasps in order; see `lift_facts`
 
 
 def label_file(

@@ -1,4 +1,4 @@
-"""Lifts with the grasps of a file, of the true object."""
+"""Lifts of the true object with the grasps of a file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class LiftedFile:
     """Outcomes of lifts in a file."""
 
     path: Path
-    lifts: Sequence[Mapping[str, Any]]  #: of the best grasps in order, as `lift_facts`
+    lifts: Sequence[Mapping[str, Any]]  #: with the best grasps in order; see `lift_facts`
     mass: float  #: of the true object [kg]
 
 
@@ -47,7 +47,7 @@ def lift_file(
 ) -> LiftedFile:
     """Simulate the lift of the true object with the grasps in a file, and write lifts.json.
 
-    The motion of the first lift is written as motion.npz. The default of `folder` is that of the
+    The motion of the first lift is written as motion.npz. `folder` is by default that of the
     grasps. `best` is the number of grasps to lift with, `jobs` that of processes, by default one a
     core. The options are ``object``, ``size``, ``units``, ``up``, ``arm``, ``base``, ``mass``,
     ``friction`` and ``simulator``, by default as recorded in the file, else as in `Task`.

@@ -1,4 +1,4 @@
-"""The page of a run that grows: served, renewed, and followed in a browser."""
+"""The page of a running task: served, renewed, and followed in a browser."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def follow(folder: Path, *, port: int = 0, host: str = LOCALHOST) -> None:
 def renewer(
     folder: Path, scene: Path, complain: Callable[[str], None] = lambda _: None
 ) -> Callable[[], None]:
-    """Return what writes the scene of a folder again if its results are newer.
+    """Return a function that writes a folder's scene again if its results are newer.
 
     `complain` gets a sentence if they cannot be read, perhaps because they are being written.
     """
@@ -43,7 +43,7 @@ def renewer(
         try:
             if folder.is_dir() and scene_is_outdated(folder, scene):
                 scene_of(folder).save(scene)
-        except (LisGraspError, OSError) as error:  # a file may be gone between two looks at it
+        except (LisGraspError, OSError) as error:  # a file may vanish meanwhile
             complain(str(error))
 
     return renew
@@ -80,7 +80,7 @@ class Watched:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._server.communicate()  # closes its pipe, at which it ends
+        self._server.communicate()  # closes its pipe, which ends it
 
     def wait(self) -> None:
         """Serve until Ctrl-C."""
@@ -96,7 +96,7 @@ class Watched:
 
 
 def _serve() -> None:
-    """Serve the page as the process of a `Watched`, until its pipe closes."""
+    """Serve the page, in the process of a `Watched`, until its pipe closes."""
 
     def end() -> None:
         sys.stdin.read()

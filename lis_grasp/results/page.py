@@ -35,9 +35,9 @@ def write_scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> 
 
 
 def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
-    """Return the scene of the results in a folder, of an unfinished exploration too.
+    """Return the scene of the results in a folder, also of an unfinished exploration.
 
-    Its texts are of `report`; None for the report in the folder, if there is one.
+    Its texts come from `report`; None for the report in the folder, if there is one.
 
     Raises `InvalidFileError` if the folder has neither contacts nor a surface nor grasps nor a
     touch log.
@@ -54,7 +54,7 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
         with told:
             content |= {"headline": headline(report), "summary": run_lines(report)}
     content |= {"title": f"lis_grasp: {directory.name}", "hand": hand, "motion": run.motion}
-    with suppress(InvalidFileError):  # a mesh that is elsewhere now: the scene lacks the truth
+    with suppress(InvalidFileError):  # the mesh was moved: the scene lacks the truth
         if run.truth is not None:
             content |= {"truth": run.truth.mesh, "title": f"lis_grasp: {run.truth.name}"}
     with suppress(LisGraspError):  # the page is complete without them
@@ -94,7 +94,7 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
 def _unfinished(
     folder: Path, header: Mapping[str, Any], probes: tuple[LoggedProbe, ...] | None
 ) -> Run | None:
-    """Return the results of an exploration that has only its log so far; None if there are more."""
+    """Return the results of an exploration that has only its log; None if there are more files."""
     if not header or any((folder / name).exists() for name in SOURCES):
         return None
     contacts = Exploration.replay([probe.observation for probe in probes or ()]).contacts
@@ -102,7 +102,7 @@ def _unfinished(
 
 
 def _recorded(log: Path) -> tuple[Mapping[str, Any], tuple[LoggedProbe, ...] | None]:
-    """Return a log's header and probes; {} and None without a sound one: a page needs none."""
+    """Return a log's header and probes; {} and None without a sound log, which a page can lack."""
     try:
         return read_touches(log)
     except LisGraspError:
@@ -110,7 +110,7 @@ def _recorded(log: Path) -> tuple[Mapping[str, Any], tuple[LoggedProbe, ...] | N
 
 
 def _search(probes: tuple[LoggedProbe, ...] | None, facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the region, the recorded search in it and the object's motion, as far as recorded."""
+    """Return the region, the recorded search in it and the object's motion, where recorded."""
     moved = probes or ()
     if facts.get("region") is None:
         return {"moved": moved}

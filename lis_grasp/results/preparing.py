@@ -1,4 +1,4 @@
-"""Preparation of a run: its scenario, refused before work if the run cannot be made."""
+"""Preparation of a run: its scenario, or a refusal before work if the run is impossible."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lis_grasp.task.task import Task
 
 
 def require_runnable(task: Task) -> None:
-    """Raise `InvalidOptionError` for obstacles, and for slides that may not be made."""
+    """Raise `InvalidOptionError` for obstacles, and for slides that are not permitted."""
     task.require_slides()
     if task.known.obstacles is not None:
         raise InvalidOptionError(
@@ -22,10 +22,10 @@ def require_runnable(task: Task) -> None:
 
 
 def prepared(task: Task, progress: Progress) -> Scenario:
-    """Return the scenario of a run, and report what is odd of its object.
+    """Return the scenario of a run, and report what is odd about its object.
 
-    Raises the errors of `Scenario.from_config`, and those of a hand that Drake cannot simulate and
-    of a simulator that is not installed.
+    Raises the errors of `Scenario.from_config`, and of a hand that Drake cannot simulate and a
+    simulator that is not installed.
     """
     scenario = Scenario.from_config(task)
     say_object(scenario, progress)

@@ -24,7 +24,7 @@ class Bars:
         require_packages("tqdm", extra="notebooks", option="progress")
 
     def stage(self, title: str) -> _Bar:
-        """Return the bar of a stage, which is shown while its context lasts."""
+        """Return the bar of a stage, which is shown during its context."""
         return _Bar(title)
 
     def say(self, text: str) -> None:

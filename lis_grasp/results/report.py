@@ -23,7 +23,7 @@ from lis_grasp.stages.regrasp import Attempt
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.version import __version__
 
-# Points of the true surface that measure the tracking error.
+# Number of points on the true surface that measure the tracking error.
 _SAMPLES = 2000
 
 
@@ -35,8 +35,8 @@ def build_report(
 ) -> dict[str, Any]:
     """Return the report of a run as plain values, in metres and seconds, without timings.
 
-    Surface, grasps and lift are those of the last attempt. `scenario` is the one after the
-    exploration, `arm_use` what touches demanded of the arm.
+    Surface, grasps and lift are from the last attempt. `scenario` is the one after the
+    exploration, `arm_use` the demands of touches on the arm.
     """
     task, last = scenario.task, attempts[-1]
     return {
@@ -60,10 +60,10 @@ def build_report(
 def exploration_facts(
     scenario: Scenario, exploration: Exploration, estimate: trimesh.Trimesh | None = None
 ) -> dict[str, Any]:
-    """Return what an exploration made of what was asked, and what it covered, as plain values.
+    """Return the touches made and wanted, and the covered surface, as plain values.
 
-    `scenario` is the one after it. Covered is what is within `covered_radius` [m] of a contact on
-    its side. The true surface is known in simulation only; exploration never uses it.
+    `scenario` is the one after the exploration. Surface within `covered_radius` [m] of a contact on
+    its side is covered. The true surface is known in simulation only; exploration never uses it.
     """
     contacts, agent = exploration.contacts, scenario.agent
     shape = scenario.truth.shape
@@ -161,7 +161,7 @@ def arm_facts(station: Station | None, arm_use: ArmUse | None = None) -> dict[st
 
 
 def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
-    """Return the outcome of a lift of a mass [kg] as plain values; None means no grasp found."""
+    """Return the outcome of a lift of a mass [kg] as plain values; None if none was found."""
     if outcome is None:
         return {"lifted": False, "held": False, "reason": "no_grasp", "mass": mass}
     return {
@@ -180,14 +180,14 @@ def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
 
 
 def motion_facts(scenario: Scenario, exploration: Exploration) -> dict[str, Any] | None:
-    """Return how far touches moved a free object, and how well that was tracked, as plain values.
+    """Return how far touches moved a free object, and the tracking error, as plain values.
 
-    `displacement` [m] is that of the centre of its box in all, `largest_motion` [m] that of any
+    `displacement` [m] is that of the centre of its box overall, `largest_motion` [m] that of any
     point by one touch. `tracking_error` [m] is the mean distance of the true surface from the same
-    surface where the object is believed to be: 0 for motions that leave the surface in place. It is
-    None after a loss, which begins another map, until both are joined. `contact_error` [m] is the
-    root mean square distance of the contacts from the true surface where it is now. `scenario` is
-    the one after the exploration. None for a fixed object.
+    surface at the believed pose: 0 for motions that leave the surface in place. It is None after
+    a loss, which begins another map, until both are joined. `contact_error` [m] is the root mean
+    square distance of the contacts from the true surface at its current pose. `scenario` is the
+    one after the exploration. None for a fixed object.
     """
     if not scenario.task.world.is_free or not exploration.observations:
         return None

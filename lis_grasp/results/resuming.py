@@ -1,4 +1,4 @@
-"""Resumption of an exploration: what it depends on, and the recorded probes that are used again."""
+"""Resumption of an exploration: its dependencies, and the reuse of recorded probes."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from lis_grasp.stages.scenario import Scenario
 from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES
 from lis_grasp.task.task import LIFTING, Task
 
-# An exploration runs this module and those that it imports. The values of a configuration are
-# facts of their own.
+# An exploration runs this module and those that it imports. The values of a task are separate
+# facts.
 _RUNS, _CONFIGURATION = "lis_grasp.stages.touch", "lis_grasp.task.task"
 
 
 def recorded_probes(
     log: TouchLog, task: Task, progress: Progress, *, fresh: bool
 ) -> tuple[tuple[LoggedProbe, ...], str | None]:
-    """Return the probes to continue or reuse, and why they ended; say which, or why none."""
+    """Return the probes to reuse, and why they ended; report which, or why there are none."""
     recording = log.read()
     recorded, ending, why = recording.probes, recording.ending, None
     if fresh and log.path.exists():
@@ -85,7 +85,7 @@ def _files(task: Task) -> dict[str, Path]:
 
 
 def _reason(changes: Mapping[str, tuple[Any, Any]], task: Task) -> str:
-    """Return in words why an exploration cannot be resumed: the first that explains others."""
+    """Return in words why an exploration cannot be resumed: by the first change."""
     facts = [name for name in changes if name in task.facts()]
     if facts:
         shown = {n: ["not given" if v is None else v for v in changes[n]] for n in facts}

@@ -1,4 +1,4 @@
-"""Results of a run in a folder, read back: everything in the frame of the contacts."""
+"""Results of a run, read from its folder: everything is in the frame of the contacts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.task.recorded_facts import located, read_facts
 from lis_grasp.task.task import Task
 
-# Files whose headers say where the object is, the last that is written first.
+# Files whose headers have the object's pose, the last written first.
 SOURCES = ("grasps.json", "surface.ply", "contacts.ply")
 
 
@@ -35,9 +35,9 @@ class _Report(FileRecord):
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class Run:
-    """Results in a folder: everything is in the frame of its contacts, the true object too.
+    """Results in a folder: everything, also the true object, is in the frame of its contacts.
 
-    What the folder lacks is None.
+    Missing results are None.
 
     Examples
     --------
@@ -102,9 +102,9 @@ class Run:
 
     @cached_property
     def truth(self) -> Shape | None:
-        """The true object where it is, in the frame of the contacts; None if none is recorded.
+        """The true object at its pose in the frame of the contacts; None if not recorded.
 
-        Errors are those of `lis_grasp.shapes.find`: its file may be elsewhere now.
+        For errors see `lis_grasp.shapes.find`: its file may have moved.
         """
         facts = self.facts
         if "object" not in facts:

@@ -31,10 +31,10 @@ NOISE = ("position_noise", "normal_noise")
 """Facts of a sensor in the headers of surfaces."""
 
 OF_CONTACTS = ("turned", "left_out", "doubt_log_odds", "warnings")
-"""Facts in the headers of surfaces of what the contacts are worth, if there is anything to say."""
+"""Facts in the headers of surfaces about doubtful contacts, if there are any."""
 
 PLANNED_WITH = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "obstacles", "seed")
-"""Options that a plan of grasps depends on."""
+"""Options that grasp planning depends on."""
 
 
 def write_surface(
@@ -46,11 +46,11 @@ def write_surface(
 ) -> trimesh.Trimesh:
     """Estimate a surface from contacts with the recorded facts, and write and return its mesh.
 
-    Its header has the verdicts on bad contacts, by their rows, and the warnings of the estimate.
+    Its header has the verdicts on bad contacts by row, and the warnings of the estimate.
     """
     made = SurfaceEstimate(contacts, known)
     verdicts, warnings = made.verdicts, list(recorded.get("warnings") or ())
-    warnings += filter(None, [few_contacts(contacts)])  # which `note_doubts` notes
+    warnings += filter(None, [few_contacts(contacts)])  # `note_doubts` notes these
     note_doubts(made.credible, known.support_height)
     if verdicts.bad.any():
         warnings.append(verdicts.sentence())
@@ -78,7 +78,7 @@ def write_grasps(
 
 
 def planning_facts(task: Task) -> dict[str, Any]:
-    """Return what a plan of grasps depends on, for the header of its file."""
+    """Return the facts that grasp planning depends on, for the header of its file."""
     facts = task.facts()
     return {name: facts[name] for name in PLANNED_WITH}
 
@@ -86,7 +86,7 @@ def planning_facts(task: Task) -> dict[str, Any]:
 class StoredStages(Stages):
     """The stages of an attempt, with the files of the last attempt in a folder.
 
-    Later stages read the files of earlier ones, so that each repeats exactly when run alone.
+    Later stages read the files of earlier ones, so that each stage repeats exactly when run alone.
     """
 
     def __init__(self, folder: Path, watch: Stopwatch, progress: Progress) -> None:

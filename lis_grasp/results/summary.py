@@ -10,7 +10,7 @@ from typing import Any
 from lis_grasp.arms.use import violations
 from lis_grasp.exceptions import counted
 
-# Below this intersection over union the estimate is named as poor.
+# Below this intersection over union the estimate is called poor.
 _LOW_IOU = 0.8
 # Below this coverage more touches are advised.
 _LOW_COVERAGE = 0.9
@@ -99,7 +99,7 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
     else:
         lifted = "lifted, but not held" if lift["lifted"] else "not held"
         no_grasp = lift["reason"] == "no_grasp"
-        why = LIFT_REASONS.get(lift["reason"], lift["reason"])  # a later version's as it is
+        why = LIFT_REASONS.get(lift["reason"], lift["reason"])  # a later version's as is
         why = no_grasp_sentence(grasps["rejections"]) if no_grasp else why
         lines.append(f"{lifted}: {why}")
     if "arm" in report:
@@ -108,7 +108,7 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def headline(report: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
-    """Return the numbers of a run that matter most, each with what it is."""
+    """Return the most important numbers of a run, each with its meaning."""
     lift, predicted = report["lift"], report["attempts"][-1]["success_probability"]
     outcome = "held" if lift["held"] else lift["reason"].replace("_", " ")
     lifted = "lifted, but not held" if lift["lifted"] else "not held"
@@ -122,7 +122,7 @@ def headline(report: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
 
 
 def _arm_line(report: Mapping[str, Any]) -> str:
-    """Return the sentence about what touches and lifts demanded of the arm."""
+    """Return the sentence about the demands of touches and lifts on the arm."""
     arm, lift = report["arm"], report["lift"].get("arm")
     lifts = [attempt.get("arm") for attempt in report["attempts"][:-1]]
     uses = [use for use in (arm.get("touches"), *lifts, lift) if use is not None]
@@ -247,7 +247,7 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
 
 
 def lesson_sentence(lesson: Mapping[str, Any]) -> str:
-    """Return what a failed attempt taught, the fields of a `Lesson`."""
+    """Return what a failed attempt taught, from the fields of a `Lesson`."""
     felt, touched, probes = lesson["felt"], lesson["touched"], lesson["probes"]
     if not lesson["lost"] and not probes:
         return f"{felt} contacts felt; planned anew"
@@ -258,7 +258,7 @@ def lesson_sentence(lesson: Mapping[str, Any]) -> str:
 
 
 def no_grasp_sentence(rejections: Mapping[str, int]) -> str:
-    """Return that no grasp was found, and the reason of most rejections, with advice."""
+    """Return that no grasp was found, and the commonest reason, with advice."""
     counts = {reason: count for reason, count in rejections.items() if count}
     if not counts:
         return f"{LIFT_REASONS['no_grasp']}: make more touches (`touches`)"

@@ -63,7 +63,7 @@ def run_task(
     require_runnable(task)
     folder, watch, arm_use = results_folder(task, folder), Stopwatch(), ArmUse()
     scenario = prepared(task, progress)
-    # Threads change the order of sums, and so the last digits of results.
+    # Threads change the order of sums, and thus the last digits of results.
     with sole_writer(folder), threadpool_limits(1):
         write_scene(task, folder / SCENE)
         with watch.measure("touch"):
