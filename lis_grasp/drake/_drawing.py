@@ -24,8 +24,8 @@ _LINE = 3.0  # width of a drawn normal [pixels]
 class Drawing:
     """A drawing in Meshcat, made again when its content has changed.
 
-    Meshcat ends a thread that is not its own: calls from other threads than the one that made the
-    drawing do nothing. With `replay`, every version stays, visible at its time only, so that
+    Meshcat ends a thread that is not its own, so calls from other threads than the one that made
+    the drawing do nothing. With `replay`, every version stays, visible at its time only, so that
     Meshcat's recording shows how it grew.
     """
 

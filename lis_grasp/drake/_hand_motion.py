@@ -1,4 +1,4 @@
-"""Motion of a hand over time, and the role of what moves it to probes and back."""
+"""Motion of a hand over time, and the protocol of its movers to probes and back."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lis_grasp.records import Record
 from lis_grasp.typing import FloatArray
 
 LEVER = 0.1
-"""A turn of the hand or of a joint counts as a motion at this lever [m]."""
+"""Lever at which a turn of the hand or of a joint counts as a motion [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +26,7 @@ class HandMotion(Record):
     joints: PiecewisePolynomial  # (J,) of the hand
     duration: float  # [s]
     arm: PiecewisePolynomial | None = None  # (K,) of the arm
-    guarded: float = np.inf  # time from which on it may touch [s]
+    guarded: float = np.inf  # time from which it may touch [s]
     slow: float = np.inf  # time at which the probe's own motion begins [s]
     at_table: bool = False  # whether it ends at the table, before the probe's target
     course: Course | None = None  # of an arm
@@ -50,7 +50,7 @@ class Mover(Protocol):
         """Return the motion that rests where the exploration begins."""
 
     def out(self, chosen: NextProbe, before: HandMotion) -> HandMotion | str:
-        """Return the motion from the end of one before to a probe's end, or why there is none."""
+        """Return the motion from the previous one's end to a probe's end, or why there is none."""
 
     def back(self, motion: HandMotion, time: float) -> HandMotion:
-        """Return the way back from a motion that ended at a time [s]."""
+        """Return the motion back from a motion that ended at a time [s]."""

@@ -1,4 +1,4 @@
-"""Motions of a hand to probes and back: of a free hand around the object, of one on an arm."""
+"""Motions of a hand to probes and back: of a free hand, and of one on an arm."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from lis_grasp.typing import FloatArray
 
 NO_TRANSIT = "the hand has no collision-free way to the approach"
 
-_POINTS = 9  # of a smooth leg
-_CHECKED = 0.02  # distance of the poses of a transit that are checked [m]
-# Sides on which a transit may pass the object; from above first.
+_POINTS = 9  # on a smooth leg
+_CHECKED = 0.02  # distance between checked poses of a transit [m]
+# Sides on which a transit may pass the object; above is first.
 _SIDES = np.array([[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1]], float)
 
 
 class FreeMover:
     """Moves a free hand: around the object in transit, straight on approach and probe.
 
-    A transit keeps out of the object's ball and off the table: straight if it can, else above the
+    A transit keeps out of the object's ball and off the table: straight if possible, else above the
     ball, else around it.
     """
 
@@ -90,7 +90,7 @@ class FreeMover:
         )
 
     def back(self, motion: HandMotion, time: float) -> HandMotion:
-        """Return the straight way back out of the object's ball."""
+        """Return the straight motion back out of the object's ball."""
         times = [time, *(t for t in (motion.slow, motion.guarded) if t < time)]
         knots = [self._at(motion, t) for t in times]
         return self._along(knots, [TRANSIT_SPEED] * (len(knots) - 1))
@@ -132,7 +132,7 @@ class FreeMover:
 def transit(
     X: FloatArray, Y: FloatArray, points_H: FloatArray, space: Workspace
 ) -> list[FloatArray] | None:
-    """Return palm poses (4, 4) from X to Y around an object's ball; None if there is no way.
+    """Return palm poses (4, 4) from X to Y around an object's ball; None if there is no path.
 
     The hand's points (P, 3), in H, keep out of the ball and above the table.
     """
@@ -173,7 +173,7 @@ def _distance(X: FloatArray, Y: FloatArray) -> float:
 
 
 def _between(X: FloatArray, Y: FloatArray, part: float) -> FloatArray:
-    """Return the pose at a part of the straight way from X to Y, turning evenly."""
+    """Return the pose at a fraction of the straight path from X to Y, turning evenly."""
     turn = Rotation.from_matrix(relative_rotation(X, Y)).as_rotvec()
     R = X[:3, :3] @ Rotation.from_rotvec(part * turn).as_matrix()
     return make_pose(R, X[:3, 3] + part * (Y[:3, 3] - X[:3, 3]))
@@ -236,7 +236,7 @@ class ArmMover:
         )
 
     def back(self, motion: HandMotion, time: float) -> HandMotion:
-        """Return the way back home."""
+        """Return the motion back home."""
         assert motion.course is not None
         legs = motion.course.legs[: 2 if time >= motion.slow else 1]
         to_palm = self._station.hand.X_LH

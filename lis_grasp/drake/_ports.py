@@ -1,4 +1,4 @@
-"""Ports of records: checked reading, and what is made of a value once."""
+"""Ports of records: checked reading, and values derived once."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ def declare_output(
 def read_port(port: InputPort, context: Context, kind: type[_Value], source: str) -> _Value:
     """Return the value of an input port.
 
-    Drake connects ports of any two Python values. So the type is checked here.
+    Drake connects ports of any two Python types, so the type is checked here.
 
-    Raises `TypeError` if the value is not of a `kind`; the message names system, port and its right
-    `source`.
+    Raises `TypeError` if the value is not of the `kind`; the message names system, port and the
+    right `source`.
     """
     value = port.Eval(context)
     if not isinstance(value, kind):
@@ -48,7 +48,7 @@ def read_port(port: InputPort, context: Context, kind: type[_Value], source: str
 
 
 class MadeOnce(Generic[_Value, _Made]):
-    """What a function makes of a value, kept until it is called with another object.
+    """A function's result for a value, kept until it is called with another object.
 
     Drake calculates an output again after any update of any system's state; records keep their
     identity.
@@ -59,7 +59,7 @@ class MadeOnce(Generic[_Value, _Made]):
         self._last: tuple[_Value, _Made] | None = None
 
     def __call__(self, value: _Value) -> _Made:
-        """Return what is made of a value."""
+        """Return the result for a value."""
         if self._last is None or self._last[0] is not value:
             self._last = value, self._make(value)
         return self._last[1]

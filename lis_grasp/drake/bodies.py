@@ -58,7 +58,7 @@ def add_hand(
     hand
         The hand, its name or the path of its YAML file.
     name
-        Of the new model instance.
+        Name of the new model instance.
     instance
         The model instance, or its name, of a hand that ``Parser`` or directives added to the plant:
         links and joints are found by name. In a finalized plant it keeps its weight.
@@ -127,7 +127,7 @@ def add_object(
 ) -> RigidBody:
     """Add an object with its exact shape, ready for contact, and return its body.
 
-    The mesh is rigid and hydroelastic, so bores and corners are felt. Coplanar triangles are
+    The mesh is rigid and hydroelastic, so bores and corners can be touched. Coplanar triangles are
     merged. The body floats; weld it, or set its pose by ``plant.SetDefaultFloatingBaseBodyPose``.
 
     Parameters
@@ -135,13 +135,13 @@ def add_object(
     plant
         The plant, with a SceneGraph, not finalized yet.
     obj
-        A built-in shape's name, a mesh file, a `Shape`, or a watertight mesh [m].
+        The name of a built-in shape, a mesh file, a `Shape`, or a watertight mesh [m].
     mass
-        [kg], of uniform density; None for the usual one of its size.
+        Mass [kg], at uniform density; None for the usual one of its size.
     friction
         Coulomb's coefficient.
     name
-        Of the model instance and of its body.
+        Name of the model instance and of its body.
     units
         Length unit of a file.
 

@@ -54,17 +54,17 @@ class GraspPlanner(LeafSystem):
     count
         Grasps to plan.
     seed
-        Of all random draws.
+        Seed of all random draws.
     candidates
         Largest number of sampled contact sets.
     station
-        The arm, as a `Station` with its base in E, in whose reach grasps have to be.
+        The arm that must reach the grasps, as a `Station` with its base in E.
     obstacles
-        Mesh in E of what the hand must not hit [m]; it may be open.
+        Mesh [m], in E, that the hand must not hit; it may be open.
     meshcat
         Draws the grasps when they are planned, the best one opaque.
     path
-        Of the drawing.
+        Path of the drawing.
 
     Examples
     --------

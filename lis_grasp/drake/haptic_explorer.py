@@ -49,16 +49,16 @@ from lis_grasp.typing import FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Progress(Record):
-    """Where the exploration is; the whole memory of the system."""
+    """Progress of the exploration; the whole memory of the system."""
 
     phase: Literal["begin", "out", "back", "done"]
     motion: HandMotion
-    began: float = 0.0  # the motion [s]
-    left: float = 0.0  # when the probe began [s]
+    began: float = 0.0  # beginning of the motion [s]
+    left: float = 0.0  # beginning of the probe [s]
     probe: Probe | None = None
     touched: HandPose | None = None  # where the hand turned back
-    known: int = 0  # contacts when the probe began
-    free: int = 0  # and free points
+    known: int = 0  # contacts at the beginning of the probe
+    free: int = 0  # free points then
     exploration: ExplorationState | None = None
     ended: str = ""
 
@@ -100,13 +100,13 @@ class HapticExplorer(LeafSystem):
     noise
         The sensor's noise, which the policy's own estimate is given.
     seed
-        Of all random draws.
+        Seed of all random draws.
     probe_speed
-        Of a free hand on the probe's own motion [m/s].
+        Speed of a free hand on the probe's own motion [m/s].
     station
         Arm, mount and table, the base in the world. The arm begins at its home.
     period
-        Between two looks at the contacts [s].
+        Time between two checks of the contacts [s].
 
     Raises
     ------
@@ -264,7 +264,7 @@ class HapticExplorer(LeafSystem):
         return replace(progress, exploration=explored)
 
     def _outcome(self, before: _Progress, contacts: Contacts, now: float) -> ProbeOutcome:
-        """Return the outcome of the probe that has ended: what the sensor has felt since."""
+        """Return the outcome of the probe that has ended: from the sensor's new contacts."""
         assert before.probe is not None
         free = slice(before.free, None)
         made = contacts[before.known :]

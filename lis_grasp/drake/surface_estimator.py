@@ -41,7 +41,7 @@ class Estimate(Record):
         return None if self._made is None else self._made.solid
 
     def guide(self, contacts: Contacts) -> ImplicitSurface:
-        """Return the surface that guides touches, of the same contacts."""
+        """Return the surface that guides touches, from the same contacts."""
         assert self.solid is not None
         return self.solid
 
@@ -88,9 +88,9 @@ class SurfaceEstimator(LeafSystem):
     free_space
         Whether the contacts' free space is removed from the estimate.
     meshcat
-        Draws contacts and estimate, whenever a contact is added.
+        Draws contacts and estimate whenever a contact is added.
     path
-        Of the drawing.
+        Path of the drawing.
     X_WE
         Pose of E in the world, for the drawing; None for the identity.
     replay
@@ -130,9 +130,9 @@ class SurfaceEstimator(LeafSystem):
             sensor=noise or TactileSensor(),
             free_space=free_space,
             support_height=table,
-            normals="outward",  # those of a TouchSensor
+            normals="outward",  # as a TouchSensor's are
         )
-        _ = perception.make  # an unknown name is an error now
+        _ = perception.make  # raises now for an unknown name
         empty = Contacts.empty()
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(empty))
         self._made = MadeOnce[Contacts, Estimate](lambda contacts: Estimate(contacts, perception))
