@@ -24,18 +24,18 @@ ARM_COLOUR, FOOT_COLOUR = "#d9dbdf", "#7a8088"
 PEDESTAL_COLOUR = "#b9b4aa"
 
 _SEEDS = 4
-# Straight approach to a touch that is shown [m], and its number of places.
+# Length of the shown straight approach to a touch [m], and its number of places.
 _APPROACH, _FRAMES = 0.15, 4
 _MOMENTS = 12
 _LEAST_PEDESTAL, _PEDESTAL_WIDTH = 0.01, 0.2  # [m]
 
 
 _MOST_FACES = 4000  # of a link: a page holds all links, and a copy of each for every grasp
-_CELLS = 48  # along the largest extent of a mesh that is made coarser
+_CELLS = 48  # along the largest extent of a coarsened mesh
 
 
 def draw_arm(canvas: Canvas, station: Station, *, first: int) -> None:
-    """Draw the arm's links, as the links of the hand are, at nodes numbered from `first` on."""
+    """Draw the arm's links, like the hand's, at nodes numbered from `first` on."""
     fixed = station.arm.fixed_links
     for number, link in enumerate(station.arm.links, start=first):
         surface = drawing.material(FOOT_COLOUR if link in fixed else ARM_COLOUR, roughness=0.5)
@@ -45,7 +45,7 @@ def draw_arm(canvas: Canvas, station: Station, *, first: int) -> None:
 
 
 def draw_pedestal(canvas: Canvas, station: Station) -> None:
-    """Draw the column on which the base is, if it is above its table."""
+    """Draw the column under the base, if the base is above its table."""
     table, base = station.table, station.X_WA[:3, 3]
     height = 0.0 if table is None else float(base[2] - table.height)
     if height < _LEAST_PEDESTAL:
@@ -86,7 +86,7 @@ def standing_points(station: Station) -> FloatArray:
 def arm_poses(station: Station, X_OH: FloatArray) -> list[FloatArray]:
     """Return the poses of the arm's links in O, in order, with the palm at X_OH (4, 4).
 
-    Of the solutions of inverse kinematics, the nearest to home; home itself if there is none.
+    They are the solution of inverse kinematics nearest to home; home itself if there is none.
     """
     return _poses(station, _posture(station, X_OH))
 
@@ -97,7 +97,7 @@ def arm_approach(
     """Return the length of a straight approach to X_OH (4, 4) [m], and the arm's poses on it.
 
     The poses are as in `arm_poses`, at even places from the palm's pose X_OH backwards along the
-    `direction` (3,), as far as the arm gets.
+    `direction` (3,), as far as the arm reaches.
     """
     q = _posture(station, X_OH)
     frames = [_poses(station, q)]
@@ -133,7 +133,7 @@ def arm_tracks(station: Station, motion: Motion, *, first: int) -> list[tuple[st
 
 
 def link_looks(hand: RobotModel, link: str) -> list[trimesh.Trimesh]:
-    """Return the meshes of a link in its frame [m], made coarser where they have many triangles."""
+    """Return the meshes of a link in its frame [m], coarsened where they have many triangles."""
     loaded = [(v, load_visual(v)) for v in hand.visuals if v.link == link]
     drawn = [m.copy().apply_transform(v.X_LG) for v, m in loaded if m is not None]
     if not drawn:

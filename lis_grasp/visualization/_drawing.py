@@ -1,7 +1,7 @@
 """Layers of a scene page, and its meshes, lines and motions as commands of meshcat's viewer.
 
-The viewer reads MessagePack, with objects as three.js loads them. Written here without meshcat's
-own classes: these need its server and IPython, and name objects by time and machine.
+The viewer reads MessagePack, with objects as three.js loads them. They are written here without
+meshcat's own classes, which need its server and IPython, and name objects by time and machine.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ OBJECT_NODE = f"{ROOT}/object"
 _CREASE = np.deg2rad(35.0)
 
 
-# Numbers, not uuids of time and machine: equal scenes give equal bytes.
+# Names are numbers, not uuids of time and machine: equal scenes give equal bytes.
 _OBJECT, _GEOMETRY, _MATERIAL = (f"00000000-0000-4000-8000-{n:012x}" for n in range(3))
 # MessagePack extension types of the viewer's arrays.
 _ARRAYS = {"f": ("Float32Array", 0x17), "u": ("Uint32Array", 0x16)}
@@ -145,7 +145,7 @@ def shade(
 ) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray, npt.NDArray[np.int64]]:
     """Return vertices, faces, unit normals and source vertices of `mesh`, split at its edges.
 
-    A corner's normal is the area-weighted mean over the faces round its vertex within 35 deg of
+    A corner's normal is the area-weighted mean over the faces around its vertex within 35 deg of
     its own face. Corners of one vertex with equal normals become one drawn vertex. Shapes are
     (K, 3) [m], (F, 3), (K, 3) and (K,): `source` is the vertex of `mesh` that each is drawn for.
     """
@@ -168,7 +168,7 @@ def shade(
         normals[:, k] = np.bincount(left[close], terms[:, k], len(corners))
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.where(lengths > 0.0, normals / np.maximum(lengths, 1e-300), [0.0, 0.0, 1.0])
-    key = corners  # with the normal's coordinates in steps of 1/200
+    key = corners  # and the normal's coordinates in steps of 1/200
     for coordinate in np.round(normals * 200.0).astype(np.int64).T:
         key = 401 * key + coordinate
     _, chosen, index = np.unique(key, return_index=True, return_inverse=True)
@@ -204,7 +204,7 @@ def set_object(
 ) -> bytes:
     """Return the command that draws an object of a three.js `kind` at a path of the scene tree.
 
-    `attributes` belong to its vertices, each (V, 3), `faces` (F, 3); `poses` (N, 4, 4) are those of
+    `attributes` belong to its vertices, each (V, 3), `faces` (F, 3); `poses` (N, 4, 4) belong to
     an ``InstancedMesh``.
     """
     data: dict[str, Any] = {

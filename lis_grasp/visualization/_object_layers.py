@@ -33,7 +33,7 @@ TABLE_COLOUR, GRID_COLOUR = "#d2cfc9", "#a9a59d"
 _CONTACT_RADIUS = 0.018
 _NORMAL_LENGTH = 0.15
 _FREE_POINT_RADIUS = 0.007
-# Size of a doubted contact, in sizes of other contacts, which it covers.
+# Size of a doubted contact, in sizes of the ordinary marker that it covers.
 _BAD_SIZE = 1.4
 
 _MOST_FREE_POINTS = 5000
@@ -44,7 +44,7 @@ def draw_estimates(
 ) -> ColourScale | None:
     """Draw the estimates from increasing numbers of contacts; return their colour scale.
 
-    It is that of an object of `size` [m]; None if the last one has no finite uncertainty.
+    The scale is for an object of `size` [m]; None if the last estimate has no finite uncertainty.
     """
     surfaces = [(count, mesh) for count, mesh in surfaces if len(mesh.faces)]
     if not surfaces:
@@ -77,7 +77,7 @@ def draw_truth(canvas: Canvas, truth: trimesh.Trimesh) -> None:
 
 
 def draw_obstacles(canvas: Canvas, obstacles: trimesh.Trimesh) -> None:
-    """Draw what the hand must not hit, as glass."""
+    """Draw obstacles, which the hand must not hit, as glass."""
     glass = drawing.material(OBSTACLE_COLOUR, roughness=0.9, opacity=0.35)
     canvas.commands.append(drawing.draw_mesh(f"{ROOT}/obstacles", obstacles, glass))
     note = "not to be hit by the hand"
@@ -87,7 +87,7 @@ def draw_obstacles(canvas: Canvas, obstacles: trimesh.Trimesh) -> None:
 def marker_size(points: FloatArray, least: float) -> float:
     """Return the size [m] of an object (N, 3) that its markers are scaled by, at least `least`.
 
-    The geometric mean of its two largest extents: arrows as for its length would hide a bar.
+    It is the geometric mean of the two largest extents: arrows for its length would hide a bar.
     """
     _, middle, largest = np.sort(np.ptp(points, axis=0))
     return max(float(np.sqrt(max(middle, 0.05 * largest) * largest)), least)
@@ -165,7 +165,7 @@ def _marker(size: float) -> list[tuple[str, str, trimesh.Trimesh]]:
 
 
 def _grid_lines(radius: float, spacing: float) -> FloatArray:
-    """Return the lines, shape (E, 2, 3) [m], of a square grid inside a circle round the origin."""
+    """Return the lines, shape (E, 2, 3) [m], of a square grid inside a circle around the origin."""
     many = int(radius / spacing)
     offset = np.arange(-many, many + 1) * spacing
     half = np.sqrt(np.maximum(radius**2 - offset**2, 0.0))
@@ -244,9 +244,7 @@ def motion_paths(
     frames, made, poses = [], [], []
     for entry in Maps.of([probe.observation for probe in probes]).present.entries:
         probe, belief = probes[entry.number], entry.observation.belief
-        before = (
-            probe.observation.belief
-        )  # in whose frame the true pose is; a map may be in another
+        before = probe.observation.belief  # the true pose is in its frame; a map may be in another
         if probe.X_EO is not None and belief is not None and before is not None:
             frames.append(belief.X_WE)
             made.append(before.X_WE)

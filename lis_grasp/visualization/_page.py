@@ -31,7 +31,7 @@ _EXPLAINED = {
     "grasp": "grasps are planned on the estimate",
     "lift": "the best one lifts the true object and shakes it",
 }
-# Layers in the short legend, which replaces the folded panel.
+# Layers in the short legend, which replaces the panel when it is folded.
 _KEYED = ("truth", "contacts", "normals", "bad", "free", "search", "motion", "obstacles")
 
 
@@ -62,9 +62,9 @@ def column_major(X: FloatArray) -> list[float]:
 
 
 def build_page(title: str, canvas: Canvas, *, overlay: str, content: PageContent) -> str:
-    """Return a page that draws what is on a canvas with meshcat's viewer, offline.
+    """Return a page that draws a canvas with meshcat's viewer, offline.
 
-    `title` is plain text, `overlay` is escaped HTML, `content` is what the page's script shows.
+    `title` is plain text, `overlay` is escaped HTML, the page's script shows `content`.
     The Content Security Policy allows no connection and only the page's own two scripts, so that
     names that look like markup cannot run.
     """
@@ -113,7 +113,7 @@ def _asset(name: str) -> str:
 
 
 def _viewer() -> str:
-    """Return meshcat's viewer with three.js; importing meshcat would load its server."""
+    """Return meshcat's viewer with three.js; to import meshcat would load its server."""
     file = distribution("meshcat").locate_file("meshcat/viewer/dist/main.min.js")
     return Path(str(file)).read_text(encoding="utf-8")
 
@@ -142,9 +142,9 @@ def build_overlay(
 ) -> str:
     """Return the overlay's HTML, with all text escaped.
 
-    The lines of `summary` are folded below the numbers of a `headline`. The layers of grasps are
-    those of the best of the `planned` ones, or of a hand's postures if `postures` is set. `scale`
-    colours the estimate's uncertainty; `grid` is the spacing of the table's grid [m].
+    The lines of `summary` are folded below the numbers of a `headline`. The layers of grasps show
+    the best of the `planned` ones, or postures of a hand if `postures` is set. `scale` colours the
+    estimate's uncertainty; `grid` is the spacing of the table's grid [m].
     """
     grasps = [layer for layer in layers if _is_grasp(layer)]
     others = [layer for layer in layers if not _is_grasp(layer)]
@@ -173,7 +173,7 @@ def build_overlay(
 
 
 def _results(headline: Sequence[tuple[str, str]], summary: Sequence[str]) -> str:
-    """Return the numbers that matter most, and the lines of the summary, folded below them."""
+    """Return the most important numbers, with the lines of the summary folded below them."""
     lines = "".join(f"<p>{escape(line)}</p>" for line in summary)
     lines = f'<div class="lines">{lines}</div>' if lines else ""
     if not headline:

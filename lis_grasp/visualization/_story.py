@@ -18,7 +18,7 @@ _SECONDS_A_GRASP = 1.4
 
 @dataclass(frozen=True, slots=True)
 class Chapter:
-    """Part of the time line; at its start [s] the page still shows the chapter before."""
+    """Part of the time line; at its start [s] the page still shows the previous chapter."""
 
     name: str  # "touch", "grasp" or "lift"
     label: str  # on the page, plain text
@@ -46,7 +46,7 @@ class Story:
         """Return the chapters of a scene with these numbers of contacts and grasps.
 
         A single contact has no chapter. `surfaces` are the numbers of contacts, increasing, at
-        which the estimate changes. `grasps` are shown, the best of `planned`; None for all of them.
+        which the estimate changes. The best `grasps` of `planned` ones are shown; None if all are.
         `lift_seconds` is the duration of the lift [s]; 0 for none.
         """
         chapters: list[Chapter] = []

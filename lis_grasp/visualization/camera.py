@@ -43,10 +43,10 @@ class CameraView:
 def choose_azimuth(subject: FloatArray, obstacle: FloatArray) -> float:
     """Return the camera azimuth [rad] at which the obstacle occludes the subject least.
 
-    Draws both point sets (N, 3) and (M, 3) [m] into coarse depth images from 36 directions, and
-    counts the cells in which the subject is in front: without an obstacle, all that it covers.
-    Visible cells of the obstacle count a little, to choose between equal views. No subject gives a
-    three-quarter view.
+    Both point sets (N, 3) and (M, 3) [m] are drawn into coarse depth images from 36 directions. The
+    score counts the cells in which the subject is in front; without an obstacle, all its cells.
+    Visible cells of the obstacle count a little, to choose between equal views. Without a subject
+    it is a three-quarter view.
     """
     azimuths = np.deg2rad(-55.0) + np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
     if not len(subject):
@@ -65,14 +65,14 @@ def surface_points(mesh: trimesh.Trimesh, count: int = 2000) -> FloatArray:
 
 
 def view_axes(azimuth: float, elevation: float) -> FloatArray:
-    """Return a picture's right, its up, and the direction towards the eye, as rows (3, 3)."""
+    """Return the right, the up and the towards-the-eye direction of a picture, as rows (3, 3)."""
     ca, sa = np.cos(azimuth), np.sin(azimuth)
     ce, se = np.cos(elevation), np.sin(elevation)
     return np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
 
 
 def outermost(points: FloatArray) -> FloatArray:
-    """Return the points, of (N, 3), that are extreme in any of 150 directions."""
+    """Return those of the points (N, 3) that are extreme in any of 150 directions."""
     if not len(points):
         return points
     return points[np.unique(np.argmax(fibonacci_directions(_OUTWARD) @ points.T, axis=1))]
@@ -81,7 +81,7 @@ def outermost(points: FloatArray) -> FloatArray:
 def _score(subject: FloatArray, obstacle: FloatArray, azimuth: float) -> float:
     both = np.vstack([subject, obstacle]) @ view_axes(azimuth, ELEVATION).T  # (N + M, 3)
     low = both[:, :2].min(axis=0)
-    # Cells are larger than the distance of neighbouring points, so that surfaces have no holes.
+    # Cells are larger than the distance between neighbouring points, so that surfaces lack holes.
     cell = np.ptp(subject, axis=0).max() / _CELLS * 2.0 or 1.0
     column, row = ((both[:, :2] - low) / cell).astype(np.int64).T
     index = column * (row.max() + 1) + row

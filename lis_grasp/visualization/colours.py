@@ -18,7 +18,7 @@ VIRIDIS = (
     "#fde725",
 )  # fmt: skip
 
-# Upper end of the scale of an object, in sizes of it.
+# Upper end of the scale, as a fraction of the object's size.
 _SHOWN_SIZE = 0.025
 # Quantile at the upper end of the scale: large values must not compress the rest into one colour.
 _SHOWN_FRACTION = 0.8
@@ -94,4 +94,4 @@ class ColourScale:
 def round_up(value: float) -> float:
     """Return the smallest of 1, 2, 3, 4, 6, 8 times 10^k that is >= `value` > 0."""
     rounds = 10.0 ** np.floor(np.log10(value)) * np.array([1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0])
-    return float(rounds[rounds >= value * (1.0 - 1e-9)][0])  # its quarters have few digits
+    return float(rounds[rounds >= value * (1.0 - 1e-9)][0])  # whose quarters have few digits

@@ -114,7 +114,7 @@ def touch_facts(
 ) -> list[dict[str, Any] | None]:
     """Return the link poses in O and the approach direction at each touch, as JSON.
 
-    With a station, also the arm's poses at places of the approach, the touch first, and its length.
+    With a station, also return the arm's poses along the approach, the touch first, and its length.
     """
     facts: list[dict[str, Any] | None] = []
     for touch in touches:
@@ -178,7 +178,7 @@ def moved_points(motion: Motion, hand: Hand, object_points: FloatArray) -> Float
 
 
 def _since_the_start(motion: Motion) -> FloatArray:
-    """Return the object's motion (T, 4, 4) from where it was first, and where the scene has it."""
+    """Return the object's motion (T, 4, 4) from its first pose, at which the scene shows it."""
     poses = motion.poses[OBJECT]
     return np.asarray(poses @ inverse_pose(poses[0]))
 
@@ -195,7 +195,7 @@ def hand_page(
     """Return an HTML page of a hand, in its base link's frame turned so that the approach is down.
 
     The axes of H are red (x), green (y) and blue (z); orange marks are the pads with their axes,
-    purple ones the leading spheres of the probe postures.
+    purple marks are the leading spheres of the probe postures.
     """
     canvas = Canvas()
     turn = trimesh.geometry.align_vectors(hand.approach_H, [0.0, 0.0, -1.0])

@@ -67,7 +67,7 @@ class Scene:
     Parameters
     ----------
     truth
-        The true object [m], in O; a glass shell round the estimate, solid in the lift.
+        The true object [m], in O; a glass shell around the estimate, solid in the lift.
     estimate
         The estimated surface [m], in O, coloured by its ``vertex_attributes["uncertainty"]``,
         shape (V,) [m], if it has one, on a scale that depends on the object's size only.
@@ -153,7 +153,7 @@ class Scene:
                 )
         counts = [0, *(count for count, _ in self.growth), contacts]
         if self.estimate is None:
-            counts[-1] += 1  # the last of them may be from all contacts
+            counts[-1] += 1  # the last may be from all contacts
         if self.growth and np.any(np.diff(counts) <= 0):
             raise InvalidOptionError(
                 "the growth of an estimate needs numbers of contacts that increase and stay below"
@@ -199,7 +199,7 @@ class Scene:
         drawn = outermost(np.vstack(parts))
         around = np.vstack([drawn, shown.around, shown.standing])
         grid = self._draw_table(canvas, object_points, around)
-        before = np.vstack([shown.best, shown.standing])  # not to turn with a growing estimate
+        before = np.vstack([shown.best, shown.standing])  # a growing estimate must not turn it
         looked_at = object_points if self.truth is not None or len(before) else before
         azimuth = choose_azimuth(looked_at, before)
         content = PageContent(

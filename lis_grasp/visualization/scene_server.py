@@ -84,7 +84,7 @@ class SceneServer(ThreadingHTTPServer):
         return ""
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Print the traceback of a defect, and nothing of a client that has gone."""
+        """Print the traceback of a defect, but nothing for a client that has gone."""
         if not isinstance(sys.exc_info()[1], OSError):
             super().handle_error(request, client_address)
 
@@ -96,10 +96,10 @@ class SceneServer(ThreadingHTTPServer):
 
 class _SceneHandler(SimpleHTTPRequestHandler):
     server: SceneServer
-    timeout = 30.0  # [s] of silence, after which a client is left
+    timeout = 30.0  # [s] of silence, then a client is dropped
 
     def translate_path(self, path: str) -> str:
-        """Return the file of the scene; an empty path, which is not found, for all others."""
+        """Return the file of the scene; for all others an empty path, which is not found."""
         named = path.split("?")[0]
         if named == "/" and self.server.follow:
             return str(resources.files(__package__) / "assets" / "follow.html")
