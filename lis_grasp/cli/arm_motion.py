@@ -129,7 +129,7 @@ def _grasps(path: Path, rank: int | None, hand: Hand) -> dict[int, Grasp]:
 def _stations(
     options: argparse.Namespace, recorded: dict[str, Any], arm: Arm, hand: Hand, table: Table
 ) -> list[Station]:
-    """Return the stations to try: base as given, else as recorded, else several, the best first."""
+    """Return the stations to try: at the given, else recorded, else several bases, best first."""
     X_EA = recorded_base(vars(options), recorded)
     if X_EA is None and options.base is not None:
         X_EA = base_at(options.base, table.height)

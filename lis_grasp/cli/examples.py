@@ -48,7 +48,7 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
         ),
     }
 )
-"""For each verb the arguments of some calls, and what they are for."""
+"""For each verb, the arguments of some calls and their purposes."""
 
 
 def format_examples(verb: str, examples: Sequence[tuple[str, str]]) -> str:

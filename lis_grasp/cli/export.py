@@ -71,7 +71,7 @@ def execute(options: argparse.Namespace) -> None:
 def _require_own(folder: Path, name: str, formats: Iterable[str], mesh: Path) -> None:
     """Raise `InvalidFileError` if a model would replace its mesh, or a file of another program.
 
-    The meshes are this package's if a description beside them is.
+    Meshes are this package's own if a description beside them is.
     """
     endings = {ending for ending, _ in FORMATS.values()}
     ours = {

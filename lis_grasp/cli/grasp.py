@@ -20,7 +20,7 @@ from lis_grasp.shapes import placed_as_recorded
 from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces
 from lis_grasp.stages.scenario import find_object
 
-# docs/study/rows.parquet: of 114 grasps planned on `lis` 58 held, with a mean prediction of 0.72.
+# docs/study/rows.parquet: 58 of 114 grasps planned on `lis` held, at a mean prediction of 0.72.
 _ON_LIS = (
     "success is predicted too high on a surface of lis, where half of the grasps hold; it was"
     " fitted to surfaces of blend (estimate --estimator blend)"

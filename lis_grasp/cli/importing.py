@@ -10,23 +10,23 @@ from contextlib import contextmanager
 from types import FrameType, ModuleType
 
 _AGAIN = 0.02  # [s] after which an interrupt during an import is raised again
-_IMPORT = "<frozen importlib"  # begins the name of the file of importing code
+_IMPORT = "<frozen importlib"  # begins the file name of importing code
 
-# Objects created between garbage collections, by generation. Arrays, which take the memory, are not
-# in cycles; Python's own threshold of 700 costs a twentieth of a run.
+# Objects created between garbage collections, by generation. Arrays, which use most of the memory,
+# are not in cycles; Python's own threshold of 700 costs a twentieth of a run.
 _GARBAGE_THRESHOLDS = (50_000, 20, 20)
 
 
 def import_uncollected(load: Callable[[], ModuleType]) -> ModuleType:
-    """Import a module without garbage collection, which is seldom from then on.
+    """Import a module without garbage collection, and collect rarely from then on.
 
-    What modules create stays.
+    Objects that modules create stay alive.
     """
     gc.disable()
     try:
         return load()
     finally:
-        if not gc.get_freeze_count():  # once a process: garbage that is frozen stays for ever
+        if not gc.get_freeze_count():  # once per process: frozen garbage stays for ever
             gc.freeze()
             gc.set_threshold(*_GARBAGE_THRESHOLDS)
         gc.enable()

@@ -28,7 +28,7 @@ from lis_grasp.results.folder import result_file
 from lis_grasp.robots.model_uri import resolve_uri
 from lis_grasp.typing import FloatArray
 
-# The options, each with the record that declares it; "spacing" is of touches and of patches.
+# The options, each with the record that declares it; "spacing" belongs to touches and patches.
 _FIELDS = tuple(
     (config, name)
     for config in (LogReading, LogFrames, TouchDetection, PatchDetection)
@@ -144,7 +144,7 @@ def _of_patches(options: argparse.Namespace) -> Contacts:
 
 
 def _given(options: argparse.Namespace, config: Callable[..., _Config], **values: Any) -> _Config:
-    """Return a record of the options that are given."""
+    """Return a record of the given options."""
     for name in options_of(config):
         flag = _FLAGS.get((cast("type", config), name), name).replace("-", "_")
         if (value := getattr(options, flag)) is not None:

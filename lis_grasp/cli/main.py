@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from lis_grasp.plugins import Registry
 
 # Name, module in this folder, and help of each verb. A module is imported when its verb is used.
-# Other packages add verbs, see `_verb_registry`.
+# Other packages add verbs: see `_verb_registry`.
 _VERBS = (
     ("run", "run", "touch -> estimate -> mesh -> grasp -> lift and shake, one folder of results"),
     ("explore", "explore", "touch an object, write contacts.ply"),
@@ -54,7 +54,7 @@ _VERBS = (
 )
 _CORE_VERBS = tuple(name for name, _, _ in _VERBS)
 
-# What other programs and the functions of Python call options.
+# Names of options in other programs and in the Python functions.
 _GUESSED = dict.fromkeys(("--table", "--support-height", "--ground"), "--support")
 
 
@@ -132,7 +132,7 @@ def _verb_registry() -> Registry:
     """Return the names of all verbs, the core's first, then those that other packages register.
 
     The value of an entry point of the group ``lis_grasp.verbs`` is a module with a text `HELP`,
-    `EXAMPLES` as those in `cli.examples`, and a function ``add_arguments(parser)``, which sets the
+    `EXAMPLES` like those in `cli.examples`, and a function ``add_arguments(parser)``. This sets the
     parser's default ``execute``, a function of the parsed arguments that returns the exit code, or
     None for 0.
     """
@@ -162,7 +162,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         if verb and verb not in _CORE_VERBS and verb not in (names := _verb_registry().names):
             raise InvalidOptionError.not_one_of("VERB", verb, names)
         options = build_parser(verb).parse_args(arguments)
-        # Threads change the order of sums, and so the last digits of results.
+        # Threads change the order of sums, and thus the last digits of results.
         with threadpool_limits(1), _notes_only(), ExitStack() as options.until_end:
             return int(options.execute(options) or 0)
     except LisGraspError as error:
@@ -170,7 +170,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         return 2 if isinstance(error, InvalidInputError) else 1
     except BrokenPipeError:
         return 128 + signal.SIGPIPE  # as a shell reports it
-    except OSError as error:  # of a file that no reader or writer of the package owns
+    except OSError as error:  # outside the package's readers and writers
         complain(f"lis-grasp: {error.filename or 'a file'}: {error.strerror or error}")
         return 1
     except MemoryError:

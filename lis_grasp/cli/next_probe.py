@@ -101,7 +101,7 @@ def execute(options: argparse.Namespace) -> None:
     serves = options.serve or options.port is not None or options.socket is not None
     before, observations, recorded = _read(options, serves=serves)
     place = _place(options, recorded)
-    # In a configuration, size is that of a built-in shape, and a region needs a true pose.
+    # A task's size is that of a built-in shape, and its region needs a true pose.
     task = Task.from_facts({**vars(options), "size": None, "region": None}, recorded)
     task = task.having(arm=None, base=None)  # the robot carries the hand as it can
     before = _credible(before, options, keep_all=task.decide.keep_all)
@@ -139,7 +139,7 @@ def _credible(contacts: Contacts, options: argparse.Namespace, *, keep_all: bool
 
 
 def _place(options: argparse.Namespace, recorded: dict[str, Any]) -> ObjectPlace:
-    """Return what the options say of the object's place and the table, else what is recorded."""
+    """Return the object's place and the table from the options, else as recorded."""
     given = (options.center, options.size, options.support)
     region = options.region or (recorded.get("region") if given == (None, None, None) else None)
     support = recorded.get("support_height") if options.support is None else options.support
@@ -148,7 +148,7 @@ def _place(options: argparse.Namespace, recorded: dict[str, Any]) -> ObjectPlace
 
 
 def _read(options: argparse.Namespace, *, serves: bool) -> _Before:
-    """Return the contacts of a file, or of a log its cloud and observations; and its facts."""
+    """Return the contacts of a file, or a log's cloud and observations; and the facts."""
     path, is_log = options.contacts, _is_log(options.contacts)
     for name in _READING if is_log or serves else ():
         if getattr(options, name) is not None:
@@ -179,7 +179,7 @@ def _cloud(path: Path | str | None) -> Contacts:
 
 
 def _serve(options: argparse.Namespace, place: ObjectPlace, task: Task) -> None:
-    """Answer requests until one is to stop, or the standard input ends."""
+    """Answer requests until one asks to stop, or the standard input ends."""
     from lis_grasp.io.request_lines import answer_lines, serve_socket
     from lis_grasp.service.touch_service import TouchService
 
@@ -221,7 +221,7 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, task: Task) -> None:
 
 @contextmanager
 def _own_output() -> Iterator[BinaryIO]:
-    """Open the standard output for answers alone; what else is printed goes to the error stream."""
+    """Open the standard output for answers alone; other prints go to the error stream."""
     sys.stdout.flush()
     copy = os.dup(1)
     os.dup2(2, 1)

@@ -44,7 +44,7 @@ def add_options(
 ) -> None:
     """Add options of a `Task` by their names; omitted ones parse as None.
 
-    With `recorded` they are for a verb that reads a file with recorded facts.
+    With `recorded`, the verb reads a file with recorded facts.
     """
     used = {title: [n for n in names if _OPTIONS[n].group == title] for title in GROUPS}
     grouped = sum(map(bool, used.values())) > 1
@@ -69,9 +69,9 @@ def _add(
 def add_declared(
     group: argparse._ActionsContainer, config: type, name: str, *, flag: str = "", also: str = ""
 ) -> None:
-    """Add the option of a field of any configuration; an omitted one parses as None.
+    """Add the option of a field of any record; an omitted one parses as None.
 
-    `flag` is its name where it is not the field's, and `also` ends its help.
+    `flag` is its name if it differs from the field's, and `also` ends its help.
     """
     option, default = options_of(config)[name], getattr(config(), name)
     shown = f"{default:g}" if isinstance(default, float) else str(default or "")
@@ -106,7 +106,7 @@ def _kind(option: Option, kind: type, default: Any) -> dict[str, Any]:
     if option.choices:
         return {"choices": option.choices}
     if kind is bool:
-        is_on = default and option is not _OPTIONS["free"]  # which --clamped switches off
+        is_on = default and option is not _OPTIONS["free"]  # --clamped switches it off
         return {"action": argparse.BooleanOptionalAction if is_on else "store_true"}
     if isinstance(option.metavar, tuple):
         return {"type": float, "nargs": len(option.metavar), "metavar": option.metavar}
@@ -121,7 +121,7 @@ def given(options: argparse.Namespace, *names: str) -> dict[str, Any]:
 
 
 def add_conditions(parser: argparse.ArgumentParser) -> None:
-    """Add the options of what is known of the object, its pose, and the sensor."""
+    """Add the options for what is known of the object, its pose, and the sensor."""
     conditions = parser.add_argument_group("conditions")
     given = conditions.add_mutually_exclusive_group()
     given.add_argument(
@@ -173,7 +173,7 @@ def configure_touch(options: argparse.Namespace) -> Task:
 
 
 def written_scene(options: argparse.Namespace) -> bool:
-    """Write the scene file that is asked for; return whether one is."""
+    """Write the requested scene file; return whether one is requested."""
     path: Path | None = options.write_scene
     if path is None:
         return False
@@ -241,7 +241,7 @@ def add_exploration(parser: argparse.ArgumentParser, *later: str) -> None:
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
-    """Add the options of what files of contacts do not say."""
+    """Add the options for what files of contacts do not say."""
     parser.add_argument(
         "--fingertip-radius",
         type=float,

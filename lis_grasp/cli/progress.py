@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger("lis_grasp")
 _SILENCE = 10.0  # [s]
-# A field that a message of the library names, and options that have another name than it.
+# Pattern of a field in the library's messages, and fields whose options have other names.
 _FIELD = re.compile(r"`([a-z]+(?:_[a-z]+)*)`")
 _FLAGS = {"folder": "output"}
 _CLEAR = "\r\x1b[K"  # to the start of the line, and clear it
@@ -125,7 +125,7 @@ def say(text: str) -> None:
     except OSError as error:
         # What is still buffered would fail again when Python ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        if isinstance(error, BrokenPipeError):  # the reader has all that it wants
+        if isinstance(error, BrokenPipeError):  # the reader wants no more
             raise
         raise OutputError(f"cannot write to standard output: {error.strerror}") from None
 
@@ -172,13 +172,13 @@ def say_findings(findings: Iterable[Finding]) -> None:
 
 
 def complain(text: str, end: str = "\n") -> None:
-    """Print on stderr as `say` does; a message that cannot be written is no reason to stop."""
+    """Print on stderr as `say` does; go on if it cannot be written."""
     with contextlib.suppress(OSError):
         print(with_flags(text), end=end, file=sys.stderr, flush=True)
 
 
 def open_streams() -> None:
-    """Open the null device in place of closed standard streams, and let all letters be printed.
+    """Open the null device in place of closed standard streams, and make every letter printable.
 
     Otherwise the next file gets the number of a closed stream, and with it what libraries print. A
     letter that the encoding of an output lacks is replaced, as in an ASCII locale.

@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Serve the scene until Ctrl-C; write it whenever it is missing or older than its files.
 
-    The scene of a folder that cannot be written to is in a temporary one.
+    If the folder cannot be written to, the scene is in a temporary one.
     """
     from lis_grasp.visualization import serve_scene
 
@@ -65,7 +65,7 @@ def execute(options: argparse.Namespace) -> None:
 
 @contextmanager
 def watched(folder: Path | None) -> Iterator[None]:
-    """Show what is written to a folder in the browser, then until Ctrl-C; nothing for None."""
+    """Show a growing folder in the browser, afterwards until Ctrl-C; nothing for None."""
     if folder is None:
         yield
         return
