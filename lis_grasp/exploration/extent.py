@@ -23,7 +23,7 @@ _TRIES, _MOST = 3, 12
 _NEAR, _FACES_OUT = 0.35, float(np.sqrt(0.5))
 # A direction is along an end's within 15 degrees: least cosine along it, largest sine across it.
 _ALONG, _ACROSS = float(np.cos(np.radians(15.0))), float(np.sin(np.radians(15.0)))
-# Contacts show the axes by their extents if at least this ratio long, else by their normals.
+# Contacts of at least this ratio of length to width show the axes; the normals of others do.
 _ELONGATED = 2.0
 # Sweeps across pass the ends of an object of at least this ratio of length to width.
 _LONG = 1.5

@@ -37,8 +37,8 @@ class TactilePerception:
     ----------
     estimate
         Estimates the surface from at least one contact, when the estimate is first used: after
-        every contact up to 31 touches, then after every sixteenth more. Its errors are raised at
-        that use.
+        every contact up to 31 touches, then after a growth by a sixteenth. Its errors are raised
+        at that use.
     prior
         Contacts known before the first touch, such as a camera's; None for none. The surface is
         estimated from them and the touches, and touches go where both are missing. They are not

@@ -48,7 +48,7 @@ class Policy(Protocol):
     ) -> Probe | None:
         """Return the next probe, or None to end the exploration.
 
-        `contacts`, in O, are all. `surface` is estimated from them (None without contacts)
+        `contacts`, in O, are all so far. `surface` is estimated from them (None without contacts)
         before free space is removed: the walls that carving leaves must not be touched.
         `outcomes` are those of every probe so far, in order. Draw random numbers from `rng`.
         """
@@ -140,7 +140,7 @@ class TargetPolicy:
         outcomes: Sequence[ProbeOutcome],
         rng: np.random.Generator,
     ) -> Probe:
-        """Return the next probe; see `Policy`. there always is one."""
+        """Return the next probe; see `Policy`. There always is one."""
         known = contacts if surface is None else DeferredEstimate.of(surface, contacts).contacts
         space = self.space.fitted_to(known)
         made = sum(len(outcome.contacts) for outcome in outcomes)
@@ -268,7 +268,7 @@ class RegionPolicy:
         landmarks = self._landmarks_among(contacts)
         since = outcomes if landmarks else since_first_contact(outcomes)
         touched = len(landmarks) + sum(len(outcome.contacts) for outcome in since)
-        if len(contacts) <= touched:  # no contact by a camera
+        if len(contacts) <= touched:  # no contacts from a camera
             opening = extent_probe(space.fitted_to(contacts), contacts, since, landmarks)
             if opening is not None:
                 return opening

@@ -185,7 +185,7 @@ class PoseTracker:
     def joined(
         self, observation: Observation, X_EF: FloatArray, covariance: FloatArray
     ) -> Observation:
-        """Return an observation that joins the contacts since a loss to the map F before, in E."""
+        """Return an observation that joins the contacts since a loss to the earlier map F in E."""
         observation, start = observation.on_map(X_EF), PoseBelief.start()
         covariances = start.covariances + covariance
         belief = replace(observation.belief or start, means=start.means, covariances=covariances)

@@ -25,7 +25,7 @@ _ITERATIONS = 10
 # Fewer contacts do not show where an object is. Then all known ones must be this certain [m], and
 # any other pose that is as good must leave them this close to the estimate [m].
 _ENOUGH, _CERTAIN, _ALIKE = 5, 0.005, 0.003
-# Standard deviation of a normal [rad]; length of a radian [m]; largest z of a side's normal.
+# Standard deviation of a normal [rad]; lever of a radian [m]; largest z of a side's normal.
 _NORMAL_ERROR, _RADIAN, _SIDE = 0.3, 0.03, 0.7
 # Approximate largest numbers of samples of an estimate, contacts laid on them, and poses.
 _SAMPLES, _LAID, _STARTS = 24, 4, 400

@@ -32,8 +32,8 @@ TOUCHES = "touches"
 # a half in two components).
 FORCE_NOISE, APPROACH_NOISE = 0.25, 0.5
 
-# The approach is the motion over this last length before contact [m], and over a fifth of it at
-# least.
+# The approach is the motion over this last length before contact [m]; it is unknown on a path
+# shorter than a fifth of it.
 _APPROACH = 0.005
 # Recorded free tips are this far apart, and between these distances from contacts [m].
 _FREE_STEP, _FREE_FROM, _FREE_TO = 0.005, 0.005, 0.05

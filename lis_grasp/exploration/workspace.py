@@ -182,7 +182,7 @@ class ObstacleModel:
             (column > low - reach) & (column < high + reach)
             for column, low, high in zip(points.T, *self.contacts.bounds, strict=True)
         ]
-        near = np.flatnonzero(np.logical_and.reduce(inside))  # in the contacts' box: it is slow
+        near = np.flatnonzero(np.logical_and.reduce(inside))  # first by box: the tree is slow
         tree = cKDTree(self.contacts.points)
         near = near[np.isfinite(tree.query(points[near], distance_upper_bound=reach)[0])]
         if len(near):
