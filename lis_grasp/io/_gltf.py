@@ -10,7 +10,7 @@ from urllib.parse import unquote
 
 from lis_grasp.io.limits import MOST_UNPACKED, ReadError, reason_of, require_file_size
 
-_HARMLESS = re.compile("materials|texture|lights|xmp|variants")  # no shape
+_HARMLESS = re.compile("materials|texture|lights|xmp|variants")  # extensions without shape
 _FAN = 6  # mode of primitives
 
 

@@ -64,7 +64,7 @@ def sole_writer(folder: Path) -> Iterator[None]:
     """Keep other processes from writing to a folder; make it if it does not exist.
 
     The operating system releases the lock when the process ends, however it ends. A block that adds
-    no file, such as that of a refused command, leaves neither the lock's file nor the folder.
+    no file, such as a refused command's, leaves neither the lock's file nor the folder.
 
     Raises `InvalidFileError` if another process has the lock, or the folder cannot be written to.
     """

@@ -46,7 +46,7 @@ def write_joint_trajectory(
 ) -> None:
     """Write a trajectory as the YAML of a `trajectory_msgs/msg/JointTrajectory`.
 
-    ROS 2's tools and drivers play it, as ``ros2 topic pub``. Times are (T,), the others (T, J).
+    ROS 2 tools and drivers play it, such as ``ros2 topic pub``. Times are (T,), the others (T, J).
     """
     lines = [
         "header:",
