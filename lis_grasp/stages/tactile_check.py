@@ -36,7 +36,7 @@ def tactile_check(mesh: trimesh.Trimesh, agent: Agent, firmness: float) -> Accep
 
 
 def pushed_along_one_line(points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the points (2, 3) where two flat pads push faces that they touched with their ends.
+    """Return the points (2, 3) where two flat pads push faces that they touched near the ends.
 
     Closing pads turn the object until its faces lie on them (Brost 1988).
     """
