@@ -59,8 +59,8 @@ def read_touches(path: Path) -> tuple[dict[str, Any], tuple[LoggedProbe, ...]]:
 def results_folder(task: Task, named: Path | str | None) -> Path:
     """Return the folder of a run: the one that is named, or `default_output`.
 
-    Raises `InvalidOptionError` if the folder has results of another object, and a default folder
-    also if they are of another task, such as one with a file of the same name elsewhere. Raises
+    Raises `InvalidOptionError` if the folder has results of another object or, as a default
+    folder, of another task, such as one with a file of the same name elsewhere. Raises
     `InvalidFileError` if it has files of other programs that the run would replace.
     """
     folder = default_output(task) if named is None else Path(named)

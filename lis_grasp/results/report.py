@@ -161,7 +161,7 @@ def arm_facts(station: Station | None, arm_use: ArmUse | None = None) -> dict[st
 
 
 def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
-    """Return the outcome of a lift of a mass [kg] as plain values; None if none was found."""
+    """Return the outcome of a lift of a mass [kg] as plain values; None without a grasp."""
     if outcome is None:
         return {"lifted": False, "held": False, "reason": "no_grasp", "mass": mass}
     return {

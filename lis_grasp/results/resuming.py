@@ -85,7 +85,7 @@ def _files(task: Task) -> dict[str, Path]:
 
 
 def _reason(changes: Mapping[str, tuple[Any, Any]], task: Task) -> str:
-    """Return in words why an exploration cannot be resumed: by the first change."""
+    """Return in words the first change that prevents resuming an exploration."""
     facts = [name for name in changes if name in task.facts()]
     if facts:
         shown = {n: ["not given" if v is None else v for v in changes[n]] for n in facts}
