@@ -264,7 +264,7 @@ class HapticExplorer(LeafSystem):
         return replace(progress, exploration=explored)
 
     def _outcome(self, before: _Progress, contacts: Contacts, now: float) -> ProbeOutcome:
-        """Return the outcome of the probe that has ended: from the sensor's new contacts."""
+        """Return the outcome of the ended probe, from the sensor's new contacts."""
         assert before.probe is not None
         free = slice(before.free, None)
         made = contacts[before.known :]
