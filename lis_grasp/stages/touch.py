@@ -23,19 +23,21 @@ from lis_grasp.exploration import (
     Region,
     RegionPolicy,
     SimulatedProber,
-    StopRule,
     TactilePerception,
     TactileSensor,
     TargetPolicy,
     Workspace,
     begin,
     explore_steps,
+)
+from lis_grasp.exploration.policy import POLICY_NAMES, PolicyKind, find_policy
+from lis_grasp.exploration.stopping import (
+    StopRule,
     stop_after,
     stop_when_certain,
     stop_when_covered,
     stop_when_graspable,
 )
-from lis_grasp.exploration.policy import POLICY_NAMES, PolicyKind, find_policy
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.contact_sources import prior_contacts
 from lis_grasp.stages.estimate import Perception, SurfaceEstimate
