@@ -75,12 +75,15 @@ class Browser:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._tab.close()
-        self._run(asyncio.sleep(0.05))
+        self._run(self._leave())
         self._process.terminate()
         self._process.wait(_PATIENCE)
         self._loop.close()
         self._profile.cleanup()
+
+    async def _leave(self) -> None:
+        self._tab.close()  # in the loop: another test may have left the thread without one
+        await asyncio.sleep(0.05)
 
     def send(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Send a command of the protocol and return its result."""

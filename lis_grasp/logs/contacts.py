@@ -141,12 +141,13 @@ def contacts_from_log(
 
 
 def _slow_topics(log: RobotLog) -> str:
-    """Return the topics of poses that are too slow to interpolate; empty for none."""
+    """Return which topics of poses and frames are too slow to be interpolated; empty for none."""
+    timed = {topic.name: log.poses(topic.name) for topic in log.topics if topic.content == "pose"}
+    timed |= {f"the frame {ends[1]}": poses for ends, poses in log.frames().transforms.items()}
     slow = []
-    for topic in (topic.name for topic in log.topics if topic.content == "pose"):
-        times = log.poses(topic).times
-        step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-        slow += [f"{topic} has a pose every {step:.2g} s"] if step > LONGEST_GAP else []
+    for name, poses in timed.items():
+        step = float(np.median(np.diff(poses.times))) if len(poses.times) > 1 else 0.0
+        slow += [f"{name} has a pose every {step:.2g} s"] if step > LONGEST_GAP else []
     needed = f"; one every {LONGEST_GAP:g} s is needed: " if slow else ""
     return needed + ", ".join(slow)
 

@@ -122,8 +122,9 @@ def _one_track(
         )
     if len(np.unique(times)) < 2 and whole > 0.0:
         return (
-            f"the log has one state of the joint {name} in {whole:.3g} s: record all, or make the"
-            " joint fixed in the description"
+            f"the log has one state of the joint {name} in {whole:.3g} s, {positions[0]:g}: record"
+            " all, or make the joint fixed in the description, its origin at this position and not"
+            " at 0"
         )
     if joint.type == "revolute" and reading.angles == "deg":
         positions = np.radians(positions)

@@ -297,6 +297,30 @@ def test_a_publisher_of_zeros_is_left_out_and_two_that_differ_are_refused(
         _with_joints(recording, tmp_path / "moving", others=moving)
 
 
+@pytest.mark.parametrize(
+    ("kept", "said"),
+    [([0], r"roll .* -0\.2: .* not at 0"), ([0, -1], "the frame after_roll has a pose every")],
+)
+def test_a_joint_of_few_states_is_named_with_its_position_or_its_gaps(
+    kept: list[int],
+    said: str,
+    recording: Recording,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip("rosbags")
+    urdf, joints = robot_of(recording, tmp_path)
+    joints["roll"] = joints["roll"] - 0.2
+    log = open_log(write_bag(recording, tmp_path / "bag", "mcap", joints=joints))
+    logged = log.joints(tuple(joints))
+    roll = logged["roll"][0]
+    logged["roll"] = [replace(roll, times=roll.times[kept], positions=roll.positions[kept])]
+    monkeypatch.setattr(log, "joints", lambda names: logged)
+    frames = LogFrames(object_pose="/object")
+    with pytest.raises(InvalidInputError, match=said):
+        contacts_from_log(with_link_frames(log, urdf), [Finger(tip="tip")], frames, TOUCH)
+
+
 def test_joints_in_degrees_are_beyond_their_limits(recording: Recording, tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     _, joints = robot_of(recording, tmp_path)

@@ -34,7 +34,7 @@ FAULTS = {
         12,
         TOUCHED,
     ),
-    "meshing": ("lis_grasp.stages.touch.extract_mesh", 0, EXPLORED),
+    "meshing": ("lis_grasp.stages.estimate.extract_mesh", 0, EXPLORED),
     "FCL at a grasp": (
         f"{CHECKER}.first_collisions",
         3,
