@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -15,7 +16,9 @@ pytestmark = pytest.mark.slow
 
 def numbers(seed: int = 0) -> tuple[bytes, bytes]:
     """Return contacts and the best grasp of a short run, as bytes."""
-    run = lis_grasp.run("box", "wsg50", prober="kinematic", touches=10, seed=seed, attempts=1)
+    how = {"prober": "kinematic", "touches": 10, "seed": seed, "attempts": 1}
+    with TemporaryDirectory() as folder:
+        run = lis_grasp.run("box", "wsg50", folder=folder, **how)
     return run.contacts.points.tobytes(), run.grasps[0].X_OH.tobytes()
 
 
