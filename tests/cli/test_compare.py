@@ -70,6 +70,7 @@ def block_results(folder: Path) -> tuple[Path, Path]:
     return results, block
 
 
+@pytest.mark.slow
 def test_a_folder_is_enough_to_make_its_report(tmp_path: Path) -> None:
     results, _ = block_results(tmp_path)
     described = results / "study.yaml"

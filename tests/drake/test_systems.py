@@ -96,6 +96,7 @@ def test_the_estimate_is_that_of_the_contacts(own: OwnDiagram) -> None:
     assert len(contacts.free_points)  # the explorer's sweeps carve the estimate
 
 
+@pytest.mark.slow
 def test_the_same_diagram_and_a_clone_in_mid_flight_give_the_same_bytes() -> None:
     felt, positions = [], []
     first, own = (OwnDiagram(obj=BOX, free=True, explorer={"touches": 2}) for _ in range(2))
@@ -119,6 +120,7 @@ def test_the_same_diagram_and_a_clone_in_mid_flight_give_the_same_bytes() -> Non
     np.testing.assert_array_equal(positions[0], positions[2])
 
 
+@pytest.mark.slow
 def test_touches_are_the_same_in_a_moved_and_turned_frame(own: OwnDiagram) -> None:
     X_WE = RigidTransform(RollPitchYaw(0.0, 0.0, 0.8), [0.3, -0.2, 0.0])
     moved, expected = explored(X_WE=X_WE), own.value(own.sensor.contacts)

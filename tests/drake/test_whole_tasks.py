@@ -40,6 +40,7 @@ def test_a_free_box_is_explored_grasped_and_lifted_in_one_simulation() -> None:
     assert X_WO(plant_context, own.body).translation()[2] > own.center[2] + 0.1
 
 
+@pytest.mark.slow
 def test_an_arm_touches_and_returns_home_without_collisions() -> None:
     builder = DiagramBuilder()
     config = MultibodyPlantConfig(

@@ -58,6 +58,7 @@ def test_an_object_somewhere_else_is_found_on_its_map(name: str, least: int) -> 
     assert np.nanmax(off) < CONTACT_ERROR
 
 
+@pytest.mark.slow
 def test_what_half_a_map_does_not_tell_is_hardly_ever_guessed() -> None:
     shapes_ = ("box", "mallet", "pentagon", "half_cylinder")
     off = np.concatenate(

@@ -32,6 +32,7 @@ def _write(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_labels_are_those_of_the_lifts_and_a_second_call_lifts_what_is_missing(
     tmp_path: Path,
 ) -> None:

@@ -237,6 +237,7 @@ def test_each_attempt_has_its_tests_and_the_last_lifts_in_any_case(
     assert script.sought == [True] * (attempts - 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("hand", "count"), [(scenes.hand(), 2), (ALLEGRO, 3)])
 def test_each_test_needs_less_closure_than_the_one_before(hand: Hand, count: int) -> None:
     script = _Script([_outcome("aborted")] * 12, (scenes.grasp(),))

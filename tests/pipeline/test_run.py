@@ -34,6 +34,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, list[str]]:
     return pipeline.run(config, folder, progress=progress), progress.titles
 
 
+@pytest.mark.slow
 def test_a_run_reports_its_stages(results: tuple[Run, list[str]]) -> None:
     run, titles = results
     # The first touches leave an end unseen: it is touched before the estimate.
@@ -48,6 +49,7 @@ def test_a_run_reports_its_stages(results: tuple[Run, list[str]]) -> None:
     assert (run.folder / "scene.html").exists()
 
 
+@pytest.mark.slow
 def test_contacts_estimate_and_true_object_are_in_one_frame(
     results: tuple[Run, list[str]],
 ) -> None:
@@ -59,6 +61,7 @@ def test_contacts_estimate_and_true_object_are_in_one_frame(
     assert_array_equal(extract_mesh(run.surface).vertices, run.mesh.vertices)
 
 
+@pytest.mark.slow
 def test_results_read_back_are_those_of_the_run(results: tuple[Run, list[str]]) -> None:
     run, _ = results
     again = Run.load(str(run.folder))

@@ -151,6 +151,7 @@ def test_the_gradient_on_a_contact_s_axis_is_finite() -> None:
     assert np.isfinite(surface.gradient(beside)).all()
 
 
+@pytest.mark.slow
 def test_a_gaussian_process_takes_many_contacts() -> None:
     # The equations of all would take 8 GB.
     contacts = sphere_contacts(8000, np.random.default_rng(0))

@@ -35,6 +35,7 @@ def grasp() -> Grasp:
     return sampler.sample(STRIP, rng=1, support_height=0.0, count=3).best
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off", [0.0, 0.0007])
 @pytest.mark.parametrize("simulator", SCENES)
 def test_fingertips_feel_the_table_and_lift_a_strip_of_4_mm(

@@ -59,6 +59,7 @@ def test_flat_objects_come_to_rest(size: list[float], mass: float, time_step: fl
         assert -1e-4 < heights[-1] < 0.0
 
 
+@pytest.mark.slow
 def test_a_ball_sinks_into_the_table_as_its_stiffness_says() -> None:
     # m g = pi E R d^2 / (half the thickness), E = 50 MPa, half the thickness 0.05 m.
     mesh = trimesh.creation.icosphere(subdivisions=5, radius=0.05)

@@ -158,6 +158,7 @@ def test_a_grasp_beside_the_object_makes_no_contact_and_moves_in_its_frame(alleg
     np.testing.assert_allclose(X_OH, grasp.X_OH, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_an_object_that_turns_too_far_in_the_hand_is_not_held(allegro: Hand) -> None:
     free = lift_box(allegro, box_grasp(allegro), options=replace(SHORT, largest_turn=np.pi))
     poses = free.motion.poses
@@ -441,6 +442,7 @@ def test_a_hand_with_a_tactile_check_lets_a_lost_object_go(wsg50: Hand) -> None:
     assert 0.1 < outcome.weighed < 0.55
 
 
+@pytest.mark.slow
 def test_the_hand_weighs_what_it_lifts(wsg50: Hand) -> None:
     grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
     for mass in (0.1, 0.6):

@@ -126,6 +126,7 @@ def bottle(tmp_path: Path) -> Path:
     return tmp_path / "contacts.csv"
 
 
+@pytest.mark.slow
 def test_the_command_closes_an_estimate_at_the_table_as_python_does(bottle: Path) -> None:
     assert main(["estimate", str(bottle), "--support", "0"]) == 0
     mesh = load_surface(bottle.with_name("surface.ply"))
