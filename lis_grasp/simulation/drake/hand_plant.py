@@ -107,7 +107,7 @@ class HandInPlant:
             raise InvalidOptionError(
                 "a wrist needs a finalized plant: call plant.Finalize() first", option="builder"
             )
-        if not base.is_floating_base_body():
+        if base.index() not in plant.GetFloatingBaseBodies():
             raise InvalidOptionError(
                 f"a wrist needs a hand that floats; '{name}' is held by a joint or a weld: add it"
                 " without one, or move what holds it",
