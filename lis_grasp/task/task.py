@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from operator import attrgetter
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -175,7 +176,12 @@ def option_kind(name: str) -> type:
 
 def option_default(name: str) -> Any:
     """Return the default of an option."""
-    return _readers()[name](Task())
+    return _readers()[name](_usual_task())
+
+
+@cache
+def _usual_task() -> Task:
+    return Task()
 
 
 def plain_value(value: Any) -> Any:
@@ -190,6 +196,7 @@ def _known_with(given: Mapping[str, Any]) -> dict[str, Any]:
     return {**KNOWN, "pose": STABLE} if given.get("region") is not None else dict(KNOWN)
 
 
+@cache
 def _readers() -> dict[str, Callable[[Task], Any]]:
     """Return a function for each option that reads its value from a task."""
     readers: dict[str, Callable[[Task], Any]] = {}
