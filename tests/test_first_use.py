@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import fields, is_dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import resolve_name
 from types import ModuleType
@@ -332,6 +333,8 @@ def _resolved(dotted: str) -> object:
 
 def test_a_documented_name_of_1_4_works_or_says_where_it_is() -> None:
     for name in DOCUMENTED.read_text(encoding="utf-8").split():
+        if "mujoco" in name and find_spec("mujoco") is None:
+            continue
         value = _resolved(name)
         if isinstance(value, str) and " is now " in value:
             places = re.findall(r"lis_grasp\w*(?:\.\w+)+", value.split(" is now ")[1])
