@@ -92,6 +92,11 @@ class LiftOptions:
         """Duration of one shake [s]."""
         return self.shake_cycles / self.shake_frequency
 
+    @property
+    def shake_directions(self) -> FloatArray:
+        """Directions (6, 6) of the shakes: displacements along x, y, z, and turns about them."""
+        return np.diag(np.repeat([1.0, 1.0 / self.turn_arm], 3))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiftOutcome(Record):

@@ -149,9 +149,8 @@ class LiftTrial:
 
     def _shake(self) -> Reason | None:
         options = self._options
-        directions = np.diag(np.repeat([1.0, 1.0 / options.turn_arm], 3))
         for acceleration in options.shake_accelerations:
-            for name, direction in zip(_DIRECTIONS, directions, strict=True):
+            for name, direction in zip(_DIRECTIONS, options.shake_directions, strict=True):
                 path_at = partial(self._shake_path, direction)
                 motion = self._scene.carrier.shake(path_at, acceleration, options.shake_time, name)
                 self._steps.move(motion, self._hold_grip)

@@ -120,6 +120,7 @@ def _grasp_facts(attempt: Attempt) -> dict[str, Any]:
         "number": len(search.grasps),
         "candidates": search.candidates,
         "rejections": dict(search.rejections),
+        **({"hit_bodies": dict(search.hit_bodies)} if search.hit_bodies else {}),
         "best_epsilon_estimate": None,
         "best_epsilon_truth": None,
     }
