@@ -5,9 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from pydrake.geometry import GeometryId
+from pydrake.geometry import GeometryId, Role
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    ContactResults,
+    MultibodyPlant,
+    MultibodyPlantConfig,
+)
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 
@@ -17,8 +22,14 @@ from lis_grasp.lifting.scene import Touched
 from lis_grasp.simulation.drake.contact_patches import LinkContact, link_contacts
 from lis_grasp.simulation.drake.hand_plant import HandInPlant
 from lis_grasp.simulation.drake.object_plant import ObjectInPlant, let_rest
+from lis_grasp.simulation.drake.surroundings_plant import (
+    Pusher,
+    SurroundingsInPlant,
+    add_surroundings,
+)
 from lis_grasp.simulation.drake.touch_sensor import TouchSensor
 from lis_grasp.typing import FloatArray
+from lis_grasp.world import ALONE, Surroundings
 
 
 class PlantScene:
@@ -26,10 +37,16 @@ class PlantScene:
 
     Hand, carrier, object and table are added to `plant` first; `finalize` makes the rest. Contact
     is hydroelastic, in Drake's discrete solver with the "lagged" approximation. The links of the
-    hand do not collide with each other. `settings` are fields of `MultibodyPlantConfig`.
+    hand do not collide with each other. `surroundings` are the bodies beside the object, in W.
+    `settings` are fields of `MultibodyPlantConfig`.
     """
 
-    def __init__(self, time_step: float, **settings: Any) -> None:
+    #: the bodies beside the object; None without any
+    surroundings: SurroundingsInPlant | None = None
+
+    def __init__(
+        self, time_step: float, *, surroundings: Surroundings = ALONE, **settings: Any
+    ) -> None:
         self._builder = DiagramBuilder()
         config = MultibodyPlantConfig(
             time_step=time_step, discrete_contact_approximation="lagged", **settings
@@ -38,6 +55,10 @@ class PlantScene:
         self.plant, self._scene_graph = added
         self.time_step = time_step
         self.steps = 0
+        #: largest force [N] on each body beside the object so far, by who pushed it
+        self.pushes: dict[tuple[str, Pusher], float] = {}
+        if len(surroundings):
+            self.surroundings = add_surroundings(self.plant, surroundings)
 
     def finalize(
         self,
@@ -50,7 +71,7 @@ class PlantScene:
     ) -> None:
         """Finalize the plant with its hand and its floating object, and make the simulator.
 
-        With a `threshold` [N], there is a touch sensor for the object.
+        With a `threshold` [N], there is a touch sensor for the object, and for bodies beside it.
         """
         plant, scene_graph = self.plant, self._scene_graph
         plant.Finalize()
@@ -59,9 +80,20 @@ class PlantScene:
         # Drake gives a body without a joint this one: six degrees of freedom.
         (joint,) = plant.GetJointIndices(obj.body.model_instance())
         self.object_joint = plant.get_joint(joint)
-        sensor = None
+        beside, sensor = self.surroundings, None
+        tables = [slab for slab in (support, table) if slab is not None]
+        if beside is not None:
+            beside.let_rest(scene_graph, tables)
+            pushers: dict[GeometryId, Pusher] = dict.fromkeys(
+                scene_graph.model_inspector().GetAllGeometryIds(Role.kProximity), "arm"
+            )
+            pushers |= dict.fromkeys(hand.link_of_geometry, "hand") | {obj.geometry: "object"}
+            for passive in (*tables, *beside.grounds.values(), *beside.name_of_geometry):
+                del pushers[passive]
+            self._pushers = pushers
         if threshold is not None:
-            sensor = TouchSensor(plant, hand, feels=[obj.body], threshold=threshold, period=np.inf)
+            feels = [obj.body, *(() if beside is None else beside.bodies.values())]
+            sensor = TouchSensor(plant, hand, feels=feels, threshold=threshold, period=np.inf)
             self._builder.AddSystem(sensor)
             self._builder.Connect(
                 plant.get_contact_results_output_port(), sensor.GetInputPort("contact_results")
@@ -71,6 +103,8 @@ class PlantScene:
         self.context: Context = plant.GetMyMutableContextFromRoot(self._root)
         if sensor is not None:
             self._touch = sensor.touch, sensor.GetMyContextFromRoot(self._root)
+        if beside is not None:
+            beside.place(self.context, {body.name: body.X_EB for body in beside.surroundings})
         geometry_context = scene_graph.GetMyMutableContextFromRoot(self._root)
         self.filters = scene_graph.collision_filter_manager(geometry_context)
 
@@ -102,6 +136,19 @@ class PlantScene:
             reason = str(error).splitlines()[0]
             message = f"the simulation of {of} failed at {time:.3f} s: {reason}"
             raise SimulationError(message) from None
+        if self.surroundings is not None:
+            for pushed, force in self.forces_beside().items():
+                self.pushes[pushed] = max(force, self.pushes.get(pushed, 0.0))
+
+    def forces_beside(self) -> dict[tuple[str, Pusher], float]:
+        """Return the forces [N] on the bodies beside the object now, by who pushes them."""
+        if self.surroundings is None:
+            return {}
+        return self.surroundings.forces(self._results(), self._pushers)
+
+    def _results(self) -> ContactResults:
+        results: ContactResults = self.plant.get_contact_results_output_port().Eval(self.context)
+        return results
 
     def touch(self) -> Contacts:
         """Return what the touch sensor feels now: flat parts of contacts, in W."""
@@ -111,6 +158,6 @@ class PlantScene:
 
     def contacts(self, on: Touched = "object") -> list[LinkContact]:
         """Return the contacts of the hand with the object or the table, in Drake's order."""
-        results = self.plant.get_contact_results_output_port().Eval(self.context)
+        results = self._results()
         touched = self.object.geometry if on == "object" else self.table
         return link_contacts(results, {touched}, self.hand.link_of_geometry)
