@@ -85,6 +85,7 @@ class LiftScene:
         self._scene = scene = PlantScene(
             setup.options.time_step,
             contact_model="hydroelastic_with_fallback",
+            surroundings=setup.surroundings,
             stiction_tolerance=_STICTION_TOLERANCE,
         )
         plant = scene.plant
@@ -147,9 +148,11 @@ class LiftScene:
         computed until then.
         """
         # Drake 1.51 crashes on contact between a locked body and the world: exclude it.
+        beside = self._scene.surroundings
+        fixed = [] if beside is None else beside.fixed_geometries
         self._resting = self._scene.filters.ApplyTransient(
             CollisionFilterDeclaration().ExcludeBetween(
-                GeometrySet([self._object.geometry]), GeometrySet([self._scene.support])
+                GeometrySet([self._object.geometry]), GeometrySet([self._scene.support, *fixed])
             )
         )
         self._scene.object_joint.Lock(self._scene.context)
@@ -194,6 +197,18 @@ class LiftScene:
     def contacts(self, on: Touched = "object") -> list[LinkContact]:
         """Return the contacts of the hand with the object or the table, in a fixed order."""
         return self._scene.contacts(on)
+
+    def forces_beside(self) -> dict[str, float]:
+        """Return the forces [N] of hand, arm and object on bodies beside the object now."""
+        sums: dict[str, float] = {}
+        for (name, _), force in self._scene.forces_beside().items():
+            sums[name] = sums.get(name, 0.0) + force
+        return sums
+
+    def poses_beside(self) -> dict[str, FloatArray]:
+        """Return the poses X_WB (4, 4) of the free bodies beside the object."""
+        beside = self._scene.surroundings
+        return {} if beside is None else beside.poses(self._scene.context)
 
     def jacobian(self, link: str, p_L: FloatArray) -> FloatArray:
         """Return the Jacobian of a point p_L of a link with respect to the joints, shape (3, J).
