@@ -80,7 +80,7 @@ class KinematicProber:
             touches.append((course.until_contact + slide.until_end, slide.touched))
         contacts = Contacts(
             points=np.array([link.point for _, link in touches]),
-            normals=self._motion.face_normals[[link.face for _, link in touches]],
+            normals=np.array([self._motion.normal(link) for _, link in touches]),
             fingers=tuple(link.link for _, link in touches),
             times=np.array([time for time, _ in touches]),
         )

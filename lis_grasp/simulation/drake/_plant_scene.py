@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from pydrake.geometry import GeometryId, Role
+from pydrake.geometry import (
+    CollisionFilterDeclaration,
+    FilterId,
+    GeometryId,
+    GeometrySet,
+    Role,
+)
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
@@ -57,6 +64,8 @@ class PlantScene:
         self.steps = 0
         #: largest force [N] on each body beside the object so far, by who pushed it
         self.pushes: dict[tuple[str, Pusher], float] = {}
+        self._unmoved: FilterId | None = None
+        self._separated = False
         if len(surroundings):
             self.surroundings = add_surroundings(self.plant, surroundings)
 
@@ -113,6 +122,40 @@ class PlantScene:
         R_WO = RotationMatrix.ProjectToRotationMatrix(X_WO[:3, :3])
         self.object_joint.SetPose(self.context, RigidTransform(R_WO, X_WO[:3, 3]))
 
+    def lock_object(self) -> None:
+        """Lock the object where it is.
+
+        Until it is unlocked, it does not touch what is fixed to the world: Drake 1.51 crashes on
+        contact between a locked body and the world.
+        """
+        fixed = [] if self.support is None else [self.support]
+        fixed += [] if self.surroundings is None else self.surroundings.fixed_geometries
+        if fixed and self._unmoved is None:
+            declaration = CollisionFilterDeclaration()
+            declaration.ExcludeBetween(GeometrySet([self.object.geometry]), GeometrySet(fixed))
+            self._unmoved = self.filters.ApplyTransient(declaration)
+        self.object_joint.Lock(self.context)
+
+    def unlock_object(self) -> None:
+        """Free an object that was locked."""
+        if self._unmoved is not None:
+            self.filters.RemoveDeclaration(self._unmoved)
+            self._unmoved = None
+        self.object_joint.Unlock(self.context)
+
+    def place_surroundings(self, poses: Mapping[str, FloatArray]) -> None:
+        """Place free bodies beside the object, at rest at poses X_WB (4, 4) by name.
+
+        The first time, what stands on or leans on each other is found; see `separate`.
+        """
+        if self.surroundings is None:
+            return
+        self.surroundings.place(self.context, poses)
+        if not self._separated:
+            query = self.plant.get_geometry_query_input_port().Eval(self.context)
+            self.surroundings.separate(self.filters, query, self.object.geometry)
+            self._separated = True
+
     def stop(self) -> None:
         """Set all velocities to 0."""
         self.plant.SetVelocities(self.context, np.zeros(self.plant.num_velocities()))
@@ -155,6 +198,20 @@ class PlantScene:
         port, context = self._touch
         felt: Contacts = port.Eval(context)
         return felt
+
+    def felt_beside(self, threshold: float) -> dict[str, int]:
+        """Return the number of contacts with each body beside the object that the hand feels now.
+
+        They have more normal force than a threshold [N].
+        """
+        counts: dict[str, int] = {}
+        if self.surroundings is not None:
+            names = self.surroundings.name_of_geometry
+            for contact in link_contacts(self._results(), names, self.hand.link_of_geometry):
+                if contact.normal_force > threshold:
+                    name = names[contact.felt_geometry]
+                    counts[name] = counts.get(name, 0) + len(contact.flat_parts())
+        return counts
 
     def contacts(self, on: Touched = "object") -> list[LinkContact]:
         """Return the contacts of the hand with the object or the table, in Drake's order."""

@@ -12,6 +12,7 @@ from pydrake.geometry import (
     AddContactMaterial,
     AddRigidHydroelasticProperties,
     CollisionFilterDeclaration,
+    CollisionFilterManager,
     Convex,
     GeometryId,
     GeometrySet,
@@ -103,12 +104,12 @@ class SurroundingsInPlant:
         scene_graph.collision_filter_manager().Apply(declaration)
 
     def separate(
-        self, scene_graph: SceneGraph, query: QueryObject, obj: GeometryId | None = None
+        self, filters: CollisionFilterManager, query: QueryObject, obj: GeometryId
     ) -> None:
         """Let bodies pass through each other that stand on or lean on each other now.
 
-        Each has its own ground, so that a stack stays as it is. To meshes among each other only
-        their convex hulls count. So the object, too, passes through a mesh whose hull it is in.
+        Each has its own ground, so that a stack stays as it is. Drake replaces two meshes that
+        meet by their convex hulls: the object, too, passes through a mesh whose hull it is in.
         """
         pairs = [
             (first, second)
@@ -116,15 +117,13 @@ class SurroundingsInPlant:
             for second, other in self.name_of_geometry.items()
             if name in self.grounds and (other not in self.grounds or name < other)
         ]
-        limit = dict.fromkeys(pairs, _TOGETHER)
-        if obj is not None:
-            limit |= {(obj, geometry): 0.0 for geometry in self.rigid}
+        limit = dict.fromkeys(pairs, _TOGETHER) | {(obj, mesh): 0.0 for mesh in self.rigid}
         declaration = CollisionFilterDeclaration()
         for (first, second), least in limit.items():
             pair = query.ComputeSignedDistancePairClosestPoints(first, second)
             if pair.distance < least:
                 declaration.ExcludeBetween(GeometrySet([first]), GeometrySet([second]))
-        scene_graph.collision_filter_manager().Apply(declaration)
+        filters.Apply(declaration)
 
 
 def add_surroundings(plant: MultibodyPlant, surroundings: Surroundings) -> SurroundingsInPlant:
