@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -64,7 +65,6 @@ class GuardedMotion:
         known: Surroundings = ALONE,
     ) -> None:
         self._planner = ProbePlanner(hand, station, probe_speed=probe_speed, known=known)
-        self._surroundings = surroundings
         if not mesh.is_watertight:
             raise InvalidMeshError("touching needs a watertight mesh: load it with `shapes.load`")
         self._mesh = mesh
@@ -78,11 +78,34 @@ class GuardedMotion:
             name: _balls_in_hand(hand, posture) for name, posture in hand.probe_postures.items()
         }
         self._X_OE: FloatArray | None = None  # None for the identity
+        self._X_WE = np.eye(4)
+        self._beside: HandCollisionChecker | None = None
+        self.place_bodies(surroundings)
 
     def place_object(self, X_EO: FloatArray) -> None:
         """Place the true object at a pose, shape (4, 4)."""
         moved = not np.array_equal(X_EO, np.eye(4))
         self._X_OE = inverse_pose(X_EO) if moved else None
+
+    def place_bodies(self, surroundings: Surroundings) -> None:
+        """Place the true bodies beside the object, in the frame W of the first probe."""
+        self._surroundings = surroundings
+        mesh = surroundings.mesh
+        self._beside = None if mesh is None else HandCollisionChecker(self._planner.hand, mesh)
+
+    def place_known(self, poses: Mapping[str, FloatArray]) -> None:
+        """Place the bodies that plans avoid at believed poses (4, 4) in W, by their names."""
+        self._planner.place_known(poses)
+
+    def place_frame(self, X_WE: FloatArray) -> None:
+        """Give later probes in the frame E with pose X_WE (4, 4): bodies stay in W."""
+        self._X_WE = X_WE
+        self._planner.place_frame(X_WE)
+
+    def reaches(self, probe: Probe, obstacles: ObstacleModel) -> str:
+        """Return why no finger reaches a probe; empty if one does."""
+        found = self._planner.approach(probe, self._planner.kept_off(obstacles))
+        return found if isinstance(found, str) else ""
 
     def place_station(self, station: Station) -> None:
         """Place the station of the arm in the frame E."""
@@ -120,8 +143,11 @@ class GuardedMotion:
         if touched is None:
             self._place(approach, approach.X_OH)
             end = min(ahead.planned, self._planner.above_table(approach, probe, obstacles))
+            at_table = end < probe.standoff
+            if obstacles is not None:
+                end = min(end, self._planner.before_bodies(approach, probe))
             ahead, touched = self._moved(ahead, end)
-            legs, at_table = (way_in, ahead), touched is None and end < probe.standoff
+            legs, at_table = (way_in, ahead), touched is None and at_table
         course = Course(posture.finger, posture.joint_positions, legs, touched, at_table, way)
         slide = self._slide(probe, course, obstacles)
         return course if slide is None else replace(course, slide=slide)
@@ -248,9 +274,13 @@ class GuardedMotion:
         )
 
     def _place(self, approach: Approach, X_OH: FloatArray) -> bool:
-        """Place the hand; return whether a link touches the object's surface."""
+        """Place the hand; return whether a link touches the object or a body beside it."""
+        poses, X_EH = self._poses[approach.posture.finger], X_OH
         X_OH = X_OH if self._X_OE is None else self._X_OE @ X_OH
-        return self._checker.place(X_OH, self._poses[approach.posture.finger])
+        touches = self._checker.place(X_OH, poses)
+        if self._beside is not None:
+            touches |= self._beside.place(self._X_WE @ X_EH, poses)
+        return touches
 
     def _free_start(self, probe: Probe) -> Approach | None:
         inside: dict[float, bool] = {}  # by the tip's radius
@@ -273,16 +303,28 @@ class GuardedMotion:
 
         Return the link and the distance [m].
         """
-        travelled = 0.0
+        travelled, in_E = 0.0, direction
         if self._X_OE is not None:
             direction = rotate(self._X_OE, direction)
         while True:
             nearest = self._checker.nearest(start + travelled * direction)
+            if self._beside is not None:
+                other = self._nearest_beside(start + travelled * in_E, self._beside)
+                nearest = min(nearest, other, key=lambda near: near.distance)
             if nearest.distance < TOUCHING:
                 return nearest, travelled
             if travelled >= length:
                 return None, length
             travelled = min(travelled + nearest.distance, length)
+
+
+    def _nearest_beside(self, moved: FloatArray, beside: HandCollisionChecker) -> NearestLink:
+        """Return the link nearest to a body after moving the hand by (3,) [m] in E, in E."""
+        near = beside.nearest(rotate(self._X_WE, moved))
+        ends = np.cumsum([len(body.mesh.faces) for body in self._surroundings])
+        body = self._surroundings.bodies[int(np.searchsorted(ends, near.face, side="right"))]
+        point = apply_pose(inverse_pose(self._X_WE), near.point)
+        return replace(near, point=point, body=body.name)
 
 
 def _balls_in_hand(hand: Hand, posture: ProbePosture) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -53,7 +54,15 @@ class KinematicProber:
         known: Surroundings = ALONE,
     ) -> None:
         self._motion = GuardedMotion(hand, mesh, station, surroundings=surroundings, known=known)
-        self._extender = FingerExtender(hand, mesh) if fingers == "all" else None
+        beside = surroundings.mesh
+        self._normals = self._motion.face_normals
+        if beside is not None:
+            self._normals = np.vstack([self._normals, beside.face_normals])
+        self._extender = None
+        if fingers == "all":
+            both = mesh if beside is None else trimesh.util.concatenate([mesh, beside])
+            self._extender = FingerExtender(hand, both)
+        self._faces = len(mesh.faces)
         self._link_fingers = hand.link_fingers
 
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
@@ -80,7 +89,7 @@ class KinematicProber:
             touches.append((course.until_contact + slide.until_end, slide.touched))
         contacts = Contacts(
             points=np.array([link.point for _, link in touches]),
-            normals=self._motion.face_normals[[link.face for _, link in touches]],
+            normals=self._normals[[self._row_of(link) for _, link in touches]],
             fingers=tuple(link.link for _, link in touches),
             times=np.array([time for time, _ in touches]),
         )
@@ -92,6 +101,19 @@ class KinematicProber:
             hand_pose=HandPose(course.X_OH_end, q),
             slid=len(touches) - made,
         )
+
+
+    def reaches(self, probe: Probe, obstacles: ObstacleModel) -> str:
+        """Return why no finger reaches a probe; empty if one does. See `PlanningProber`."""
+        return self._motion.reaches(probe, obstacles)
+
+    def place_known(self, poses: Mapping[str, FloatArray]) -> None:
+        """Place known bodies at believed poses (4, 4), by their names."""
+        self._motion.place_known(poses)
+
+    def _row_of(self, link: NearestLink) -> int:
+        """Return the row of a touched triangle: those of bodies follow the object's."""
+        return link.face if link.body is None else self._faces + link.face
 
 
 @dataclass(frozen=True, slots=True, eq=False)

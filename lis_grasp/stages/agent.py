@@ -21,7 +21,7 @@ from lis_grasp.task.known import Known
 from lis_grasp.task.robot import Robot
 from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
-from lis_grasp.world import ALONE, Surroundings
+from lis_grasp.world import ALONE, KnownBodies, Surroundings
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)  # no slots: for cached_property
@@ -100,6 +100,15 @@ class Agent:
         """The space, which an agent that touches knows."""
         assert self.space is not None
         return self.space
+
+    @property
+    def known_bodies(self) -> KnownBodies | None:
+        """The known bodies beside the object, as an exploration asks about them; None alone."""
+        if not len(self.surroundings):
+            return None
+        return KnownBodies(
+            self.surroundings, error=self.robot.body_error, noise=self.robot.position_noise
+        )
 
     @cached_property
     def perception(self) -> Perception:

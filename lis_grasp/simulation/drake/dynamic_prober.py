@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 
@@ -104,6 +105,7 @@ class DynamicProber:
             known=known,
         )
         self._station = station
+        self._has_bodies = len(surroundings) + len(known) > 0
         self._ways: TransitScene | None = None
         if station is not None:
             self._ways = TransitScene(station, mesh, arm_use or ArmUse())
@@ -127,10 +129,20 @@ class DynamicProber:
         self.place_object(inverse_pose(X_EF) @ self._X_EO)
         self.place_frame(self._X_WE @ X_EF)
 
+    def reaches(self, probe: Probe, obstacles: ObstacleModel) -> str:
+        """Return why no finger reaches a probe; empty if one does. See `PlanningProber`."""
+        return self._motion.reaches(probe, obstacles)
+
+    def place_known(self, poses: Mapping[str, FloatArray]) -> None:
+        """Place known bodies at believed poses (4, 4) in W, by their names."""
+        self._motion.place_known(poses)
+
     def place_frame(self, X_WE: FloatArray) -> None:
         """Give later probes in a frame E with pose X_WE, shape (4, 4), in the arm's world."""
-        if self._station is not None:
+        self._motion.place_frame(X_WE)
+        if self._station is not None or self._has_bodies:
             self._X_WE = X_WE
+        if self._station is not None:
             self._motion.place_station(self._station.in_frame(X_WE))
 
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
