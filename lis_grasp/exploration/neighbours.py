@@ -111,45 +111,55 @@ def has_room(
 
     It comes against directions (P, 3), from nearby at least.
     """
-    apart = tip_radius + _SPACING
-    return neighbours.distances(points + apart * directions) > tip_radius + _clearance(neighbours)
+    return _have_room(points + (tip_radius + _SPACING) * directions, neighbours, tip_radius)
 
 
 def fitted(probe: Probe, neighbours: Neighbours, tip_radius: float) -> Probe | None:
     """Return a probe that begins and ends before known bodies; None if its target has no room."""
-    along, free = _free_places(probe, neighbours, tip_radius)
-    at = int(np.argmin(np.abs(along)))
-    return _between(probe, along, free, at)
+    along = _places_along(probe)
+    free = _have_room(_tips(probe, along, tip_radius), neighbours, tip_radius)
+    return _between(probe, along, free, int(np.argmin(np.abs(along))))
 
 
-def longest_part(probe: Probe, neighbours: Neighbours, tip_radius: float) -> Probe | None:
-    """Return the longest part of a probe that is free of known bodies; None if it has none."""
-    along, free = _free_places(probe, neighbours, tip_radius)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], free.astype(int), [0]])))
-    if not len(edges):
-        return None
-    begin, end = edges.reshape(-1, 2)[np.argmax(np.diff(edges.reshape(-1, 2), axis=1))]
-    middle = 0.5 * (along[begin] + along[end - 1])
-    if not begin and end == len(along):
-        return probe
-    part = replace(
-        probe,
-        target=probe.target + middle * probe.direction,
-        standoff=probe.standoff + middle,
-        overshoot=max(probe.overshoot - middle, 0.0),
-    )
-    return fitted(part, neighbours, tip_radius)
+def longest_parts(
+    probes: Sequence[Probe], neighbours: Neighbours, tip_radius: float
+) -> list[Probe]:
+    """Return the longest part of each probe that is free of known bodies, if it has one."""
+    places = [_places_along(probe) for probe in probes]
+    centers = [_tips(probe, along, tip_radius) for probe, along in zip(probes, places, strict=True)]
+    room = _have_room(np.vstack([np.empty((0, 3)), *centers]), neighbours, tip_radius)
+    ends = np.cumsum([len(along) for along in places])
+    parts = zip(probes, places, np.split(room, ends[:-1]), strict=True)
+    longest = (_longest(probe, along, free) for probe, along, free in parts)
+    return [part for part in longest if part is not None]
 
 
-def _free_places(
-    probe: Probe, neighbours: Neighbours, tip_radius: float
-) -> tuple[FloatArray, BoolArray]:
-    """Return places along a probe (P,) [m] from its target, and whether a fingertip has room."""
+def _longest(probe: Probe, along: FloatArray, free: BoolArray) -> Probe | None:
+    """Return the longest free part of a probe, given its free places."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], free.astype(int), [0]]))).reshape(-1, 2)
+    if free.all() or not len(edges):
+        return probe if len(edges) else None
+    begin, end = edges[np.argmax(np.diff(edges, axis=1))]
+    middle, half = 0.5 * (along[begin] + along[end - 1]), 0.5 * (along[end - 1] - along[begin])
+    target = probe.target + middle * probe.direction
+    return replace(probe, target=target, standoff=half, overshoot=half)
+
+
+def _places_along(probe: Probe) -> FloatArray:
+    """Return places along a probe (P,) [m] from its target, which is one of them."""
     before = -_SPACING * np.arange(np.floor(probe.standoff / _SPACING), 0.0, -1.0)
     after = _SPACING * np.arange(np.floor(probe.overshoot / _SPACING) + 1.0)
-    along = np.unique(np.concatenate([[-probe.standoff], before, after, [probe.overshoot]]))
-    centers = probe.target + (along[:, None] - tip_radius) * probe.direction
-    return along, neighbours.distances(centers) > tip_radius + _clearance(neighbours)
+    return np.unique(np.concatenate([[-probe.standoff], before, after, [probe.overshoot]]))
+
+
+def _tips(probe: Probe, along: FloatArray, tip_radius: float) -> FloatArray:
+    """Return the centres (P, 3) of the fingertip at places along a probe [m]."""
+    return probe.target + (along[:, None] - tip_radius) * probe.direction
+
+
+def _have_room(centers: FloatArray, neighbours: Neighbours, tip_radius: float) -> BoolArray:
+    """Return whether known bodies leave room for a fingertip at centres (P, 3) [m], (P,)."""
+    return neighbours.distances(centers) > tip_radius + _CLEARANCE + neighbours.error
 
 
 def _between(probe: Probe, along: FloatArray, free: BoolArray, at: int) -> Probe | None:
@@ -163,7 +173,3 @@ def _between(probe: Probe, along: FloatArray, free: BoolArray, at: int) -> Probe
     last = int(blocked[blocked > at].min(initial=len(along))) - 1
     standoff, overshoot = max(-float(along[first]), 0.0), max(float(along[last]), 0.0)
     return replace(probe, standoff=standoff, overshoot=overshoot)
-
-
-def _clearance(neighbours: Neighbours) -> float:
-    return _CLEARANCE + neighbours.error

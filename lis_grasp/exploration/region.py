@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration.neighbours import Neighbours, longest_part
+from lis_grasp.exploration.neighbours import Neighbours, longest_parts
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.exploration.workspace import STEP_FRACTION, TIP_RADIUS, Workspace, lowest_tip
@@ -247,8 +247,7 @@ def _candidates(region: Region, neighbours: Neighbours | None = None) -> list[Pr
         for y in _ticks(low[1], high[1]):
             probes.append(Probe(np.array([x, y, 0.0]), _DOWN, min(0.1, high[2]), 0.0))
     if neighbours is not None:
-        parts = (longest_part(probe, neighbours, radius) for probe in probes)
-        probes = [part for part in parts if part is not None]
+        probes = longest_parts(probes, neighbours, radius)
     return probes
 
 

@@ -144,7 +144,7 @@ class ApproachPlanner:
         centers = [probe.start - posture.radius * probe.direction for posture, _, _ in self._bodies]
         if obstacles.occupies(np.array(centers)).all():
             return blocked
-        in_the_way = ""
+        first_hit: tuple[ProbePosture, FloatArray] | None = None
         axes = np.vstack([probe.direction, self._axes @ rotation_to_x(probe.direction)])
         keep_out: KeepOut | None = None
         if self._reach is not None:
@@ -166,8 +166,8 @@ class ApproachPlanner:
                         continue
                     if self._beside is not None:
                         between = self._between(rolled[k], probe, obstacles, self._beside)
-                        if isinstance(between, str):
-                            in_the_way = in_the_way or between
+                        if not isinstance(between, Approach):
+                            first_hit = first_hit or (posture, between)
                             continue
                         rolled[k] = between
                     if keep_out is None:
@@ -181,12 +181,14 @@ class ApproachPlanner:
         for near in spare:
             if (reached := self._reached(near, probe, obstacles)) is not None:
                 return reached
-        return f"{blocked}: {in_the_way} is in the way" if in_the_way else blocked
+        if first_hit is None or self._beside is None:
+            return blocked
+        return f"{blocked}: {self._beside.in_the_way(*first_hit)} is in the way"
 
     def _between(
         self, approach: Approach, probe: Probe, obstacles: ObstacleModel, beside: BodiesBeside
-    ) -> Approach | str:
-        """Return an approach with a free hand's way to it, or the body that it hits.
+    ) -> Approach | FloatArray:
+        """Return an approach with a free hand's way to it, or the path (W, 4, 4) that hits a body.
 
         The motion beyond the target may end before a body.
         """
@@ -197,12 +199,12 @@ class ApproachPlanner:
         path[:, :3, 3] += np.vstack([back, ahead])
         posture, outside = approach.posture, approach.X_OH_outside
         if beside.hits(posture, path):
-            return beside.in_the_way(posture, path)
+            return path
         if self._reach is not None:
             return approach
         way = beside.way_out(posture, outside, -approach.axis, obstacles.space)
         if way is None:
-            return beside.in_the_way(posture, outside[None])
+            return outside[None]
         return replace(approach, way=tuple(way[::-1]))
 
     def _nearness(self, approach: Approach, probe: Probe, keep_out: KeepOut) -> int:

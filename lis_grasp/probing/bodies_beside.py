@@ -13,7 +13,7 @@ from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.link_bodies import balls_inside
 from lis_grasp.robots.robot_model import ProbePosture
-from lis_grasp.typing import BoolArray, FloatArray
+from lis_grasp.typing import FloatArray
 from lis_grasp.world import Surroundings
 
 # Spacing of the hand's poses along a motion; links are thicker [m].
@@ -56,7 +56,7 @@ class BodiesBeside:
     def hits(self, posture: ProbePosture, path: FloatArray) -> bool:
         """Return whether a hand hits a body at one of the poses (W, 4, 4)."""
         path = self._X_WE @ path
-        if self._surely_hit(posture, path).any():
+        if any(self._surely_hit(posture, part) for part in (path[:: len(path) // 2 or 1], path)):
             return True
         return bool(self._checker.hit_obstacle(path[None], posture.joint_positions[None])[0])
 
@@ -147,9 +147,7 @@ class BodiesBeside:
     def _keeps_off(
         self, posture: ProbePosture, space: Workspace
     ) -> Callable[[FloatArray], bool]:
-        """Return whether a path is above the table and does not go deeper into the object's ball.
-
-        """
+        """Return the check that a path is above the table, and goes no deeper into the object's ball."""
         balls, height = self._balls[posture.finger], space.support_height
 
         def free(path: FloatArray) -> bool:
@@ -176,12 +174,12 @@ class BodiesBeside:
         reach = float(np.linalg.norm(self._balls[posture.finger][:, :3], axis=1).max())
         return float((high - low)[:2].max()) + reach
 
-    def _surely_hit(self, posture: ProbePosture, path: FloatArray) -> BoolArray:
-        """Return at which poses in W (W,) a ball of the hand overlaps a body."""
+    def _surely_hit(self, posture: ProbePosture, path: FloatArray) -> bool:
+        """Return whether a ball of the hand overlaps a body at one of the poses in W (W, 4, 4)."""
         balls = self._balls[posture.finger]
         centers = apply_pose(path, balls[:, :3]).reshape(-1, 3)
         apart = self._bodies.distances(centers).min(axis=1).reshape(len(path), -1)
-        return np.asarray((apart < balls[:, 3]).any(axis=1))
+        return bool((apart < balls[:, 3]).any())
 
 
 def _moved(X: FloatArray, motion: FloatArray) -> FloatArray:

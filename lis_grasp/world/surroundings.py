@@ -102,7 +102,7 @@ def _distance_from(geometry: LinkGeometry) -> Callable[[FloatArray], FloatArray]
     """Return the signed distance from a shape: of boxes and spheres exact, of others by a mesh."""
     if geometry.kind == "box":
         half = 0.5 * np.array(geometry.dimensions)
-        return lambda points: _from_box(points, half)
+        return lambda points: _from_boxes(points, half)
     if geometry.kind == "sphere":
         radius = float(geometry.dimensions[0])
         return lambda points: np.linalg.norm(points, axis=1) - radius
@@ -120,12 +120,13 @@ def _distance_from(geometry: LinkGeometry) -> Callable[[FloatArray], FloatArray]
     return distance
 
 
-def _from_box(points: FloatArray, half: FloatArray) -> FloatArray:
+def _from_boxes(points: FloatArray, half: FloatArray) -> FloatArray:
+    """Return the signed distances (...) of points (..., 3) in the frames of boxes."""
     beyond = np.abs(points) - half
     outside = np.maximum(beyond, 0.0)
-    x, y, z = beyond.T
+    x, y, z = np.moveaxis(beyond, -1, 0)
     inside = np.minimum(np.maximum(np.maximum(x, y), z), 0.0)
-    return np.asarray(np.sqrt(np.einsum("pk,pk->p", outside, outside)) + inside)
+    return np.asarray(np.sqrt(np.einsum("...k,...k->...", outside, outside)) + inside)
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
@@ -191,8 +192,21 @@ class Surroundings:
 
     def distances(self, points: FloatArray) -> FloatArray:
         """Return signed distances (P, B) of points (P, 3) from each body [m], below 0 inside."""
+        if self._boxes is not None:
+            R, places, half = self._boxes
+            return _from_boxes(np.matmul(points - places, R), half).T
         columns = [body.distances(points) for body in self.bodies]
         return np.stack(columns, axis=1) if columns else np.empty((len(points), 0))
+
+    @cached_property
+    def _boxes(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """Rotations (B, 3, 3), places (B, 1, 3) and half sides of bodies that all are one box."""
+        shapes = [body.geometries for body in self.bodies]
+        if not shapes or any(len(of) != 1 or of[0].kind != "box" for of in shapes):
+            return None
+        X = np.array([body.X_EB @ of[0].X_LG for body, of in zip(self.bodies, shapes, strict=True)])
+        half = np.array([0.5 * np.array(of[0].dimensions) for of in shapes])
+        return X[:, :3, :3], X[:, None, :3, 3], half[:, None]
 
     def contain(self, points: FloatArray, *, margin: float = 0.0) -> BoolArray:
         """Return which points (P, 3) are in a body, or within a margin [m] of one, (P,)."""
