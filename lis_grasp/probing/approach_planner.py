@@ -158,6 +158,14 @@ class ApproachPlanner:
                 center = probe.start - posture.radius * probe.direction
                 distance = float(obstacles.space.approach_distance(center, axis))
                 rolled = list(_rolled(posture, center_H, probe, axis, distance))
+                if self._beside is not None:
+                    ends = np.array([(a.X_OH, a.X_OH_outside) for a in rolled])  # (R, 2, 4, 4)
+                    hit = self._beside.overlaps(posture, ends).any(axis=1)
+                    if first_hit is None and hit.any():
+                        first_hit = posture, ends[np.argmax(hit)]
+                    rolled = [a for a, hits in zip(rolled, hit, strict=True) if not hits]
+                    if not rolled:
+                        continue
                 points = apply_pose(np.array([a.X_OH for a in rolled]), points_H)  # (R, P, 3)
                 for k in np.flatnonzero(~_collides(points, obstacles)):
                     back = np.arange(_POSE_SPACING, distance + _POSE_SPACING, _POSE_SPACING)

@@ -13,7 +13,7 @@ from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.link_bodies import balls_inside
 from lis_grasp.robots.robot_model import ProbePosture
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import BoolArray, FloatArray
 from lis_grasp.world import Surroundings
 
 # Spacing of the hand's poses along a motion; links are thicker [m].
@@ -55,9 +55,9 @@ class BodiesBeside:
 
     def hits(self, posture: ProbePosture, path: FloatArray) -> bool:
         """Return whether a hand hits a body at one of the poses (W, 4, 4)."""
-        path = self._X_WE @ path
-        if any(self._surely_hit(posture, part) for part in (path[:: len(path) // 2 or 1], path)):
+        if self.overlaps(posture, path).any():
             return True
+        path = self._X_WE @ path
         return bool(self._checker.hit_obstacle(path[None], posture.joint_positions[None])[0])
 
     def free_length(
@@ -174,12 +174,12 @@ class BodiesBeside:
         reach = float(np.linalg.norm(self._balls[posture.finger][:, :3], axis=1).max())
         return float((high - low)[:2].max()) + reach
 
-    def _surely_hit(self, posture: ProbePosture, path: FloatArray) -> bool:
-        """Return whether a ball of the hand overlaps a body at one of the poses in W (W, 4, 4)."""
+    def overlaps(self, posture: ProbePosture, poses: FloatArray) -> BoolArray:
+        """Return at which poses (..., 4, 4) a ball inside the hand overlaps a body, shape (...)."""
         balls = self._balls[posture.finger]
-        centers = apply_pose(path, balls[:, :3]).reshape(-1, 3)
-        apart = self._bodies.distances(centers).min(axis=1).reshape(len(path), -1)
-        return bool((apart < balls[:, 3]).any())
+        centers = apply_pose(self._X_WE @ poses, balls[:, :3])
+        apart = self._bodies.distances(centers.reshape(-1, 3)).min(axis=1)
+        return np.asarray((apart.reshape(centers.shape[:-1]) < balls[:, 3]).any(axis=-1))
 
 
 def _moved(X: FloatArray, motion: FloatArray) -> FloatArray:
