@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration.probe import Probe, Prober, ProbeOutcome
+from lis_grasp.exploration.probe import Probe, ProbeOutcome, Prober
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, rotate
 from lis_grasp.records import Record

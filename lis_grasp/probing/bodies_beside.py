@@ -144,10 +144,8 @@ class BodiesBeside:
         path[:, :3, 3] += parts[:, None] * motion
         return not len(path) or (free(path) and not self.hits(posture, path))
 
-    def _keeps_off(
-        self, posture: ProbePosture, space: Workspace
-    ) -> Callable[[FloatArray], bool]:
-        """Return the check that a path is above the table, and goes no deeper into the object's ball."""
+    def _keeps_off(self, posture: ProbePosture, space: Workspace) -> Callable[[FloatArray], bool]:
+        """Return the check that a path is above the table, and no deeper in the object's ball."""
         balls, height = self._balls[posture.finger], space.support_height
 
         def free(path: FloatArray) -> bool:

@@ -54,15 +54,7 @@ class KinematicProber:
         known: Surroundings = ALONE,
     ) -> None:
         self._motion = GuardedMotion(hand, mesh, station, surroundings=surroundings, known=known)
-        beside = surroundings.mesh
-        self._normals = self._motion.face_normals
-        if beside is not None:
-            self._normals = np.vstack([self._normals, beside.face_normals])
-        self._extender = None
-        if fingers == "all":
-            both = mesh if beside is None else trimesh.util.concatenate([mesh, beside])
-            self._extender = FingerExtender(hand, both)
-        self._faces = len(mesh.faces)
+        self._extender = FingerExtender(hand, mesh) if fingers == "all" else None
         self._link_fingers = hand.link_fingers
 
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
@@ -89,7 +81,7 @@ class KinematicProber:
             touches.append((course.until_contact + slide.until_end, slide.touched))
         contacts = Contacts(
             points=np.array([link.point for _, link in touches]),
-            normals=self._normals[[self._row_of(link) for _, link in touches]],
+            normals=np.array([self._motion.normal(link) for _, link in touches]),
             fingers=tuple(link.link for _, link in touches),
             times=np.array([time for time, _ in touches]),
         )
@@ -102,7 +94,6 @@ class KinematicProber:
             slid=len(touches) - made,
         )
 
-
     def reaches(self, probe: Probe, obstacles: ObstacleModel) -> str:
         """Return why no finger reaches a probe; empty if one does. See `PlanningProber`."""
         return self._motion.reaches(probe, obstacles)
@@ -110,10 +101,6 @@ class KinematicProber:
     def place_known(self, poses: Mapping[str, FloatArray]) -> None:
         """Place known bodies at believed poses (4, 4), by their names."""
         self._motion.place_known(poses)
-
-    def _row_of(self, link: NearestLink) -> int:
-        """Return the row of a touched triangle: those of bodies follow the object's."""
-        return link.face if link.body is None else self._faces + link.face
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -84,9 +84,7 @@ class KnownBodies:
         theirs = (np.abs(distances) <= self.band) & (away > -_FACES)
         nearest = np.where(theirs, np.abs(distances), np.inf).argmin(axis=1)
         names = [body.name for body in self.surroundings]
-        return [
-            names[k] if row[k] else None for k, row in zip(nearest, theirs, strict=True)
-        ]
+        return [names[k] if row[k] else None for k, row in zip(nearest, theirs, strict=True)]
 
     def corrected(self, touches: Sequence[BodyTouch]) -> KnownBodies:
         """Return the bodies at the places that touches show, along the normals of these."""
