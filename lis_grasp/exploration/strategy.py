@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lis_grasp.exceptions import counted, require_at_least
-from lis_grasp.exploration.extent import free_beyond, open_ends
+from lis_grasp.exceptions import counted, listed, require_at_least
+from lis_grasp.exploration.extent import free_beyond, open_ends, unreached
 from lis_grasp.exploration.neighbours import Neighbours, fitted
 from lis_grasp.exploration.policy import AvoidingPolicy, Policy
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
@@ -158,7 +158,14 @@ def _choose_between(
 
 
 def end(strategy: ExplorationStrategy, state: ExplorationState, reason: str) -> ExplorationState:
-    """Return the state at the end: space beyond the ends of an object in a region is free."""
+    """Return the state at the end: space beyond the ends of an object in a region is free.
+
+    The reason names the sides that no finger reaches between known bodies.
+    """
+    refused = [o for e in state.maps.present.entries for o in e.observation.refused]
+    if refused and strategy.space is not None:
+        sides = unreached(state.contacts, refused, strategy.space.fitted_to(state.contacts))
+        reason += f"; no finger reaches {listed(sides)}" if sides else ""
     if not isinstance(strategy.space, Region) or len(state.prior):
         return replace(state, ended=reason)
     space = strategy.space.fitted_to(state.contacts)

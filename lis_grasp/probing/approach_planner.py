@@ -160,10 +160,10 @@ class ApproachPlanner:
                 rolled = list(_rolled(posture, center_H, probe, axis, distance))
                 if self._beside is not None:
                     ends = np.array([(a.X_OH, a.X_OH_outside) for a in rolled])  # (R, 2, 4, 4)
-                    hit: BoolArray = self._beside.overlaps(posture, ends).any(axis=1)
+                    hit = np.asarray(self._beside.overlaps(posture, ends)).any(axis=1)
                     if first_hit is None and hit.any():
                         first_hit = posture, ends[np.argmax(hit)]
-                    rolled = [rolled[k] for k in np.flatnonzero(~hit)]
+                    rolled = [rolled[k] for k in np.flatnonzero(np.logical_not(hit))]
                     if not rolled:
                         continue
                 points = apply_pose(np.array([a.X_OH for a in rolled]), points_H)  # (R, P, 3)

@@ -15,7 +15,7 @@ from lis_grasp.stages.configured_arm import make_station
 from lis_grasp.stages.contact_sources import load_cloud
 from lis_grasp.stages.estimate import Perception
 from lis_grasp.stages.load import KnownLoad
-from lis_grasp.stages.surroundings import find_surroundings
+from lis_grasp.stages.surroundings import believed, find_surroundings
 from lis_grasp.task.decide import Decide
 from lis_grasp.task.known import Known
 from lis_grasp.task.robot import Robot
@@ -60,18 +60,20 @@ class Agent:
         space: Workspace | Region | None = None,
         hand: Hand | None = None,
         X_EA: FloatArray | None = None,
+        surroundings: Surroundings | None = None,
     ) -> Agent:
         """Return the agent of a task whose object is on a plane at a height [m], in a space.
 
-        `hand` is None for the task's. `X_EA` (4, 4) is the recorded pose of the arm's base in the
-        frame of the contacts; None for the task's.
+        `hand` and the true `surroundings` are None for the task's. `X_EA` (4, 4) is the recorded
+        pose of the arm's base in the frame of the contacts; None for the task's.
 
         Raises `InvalidHandError`, `InvalidArmError` and `InvalidFileError` if a file cannot be
         used.
         """
         robot, known = task.robot, task.known
         hand = Hand.load(robot.hand) if hand is None else hand
-        surroundings = find_surroundings(task)
+        surroundings = find_surroundings(task) if surroundings is None else surroundings
+        surroundings = believed(surroundings, robot.body_error, task.seed)
         return Agent(
             robot=robot,
             known=known,
@@ -129,6 +131,14 @@ class Agent:
         """Return the ends, of an object in a region, that no contact shows."""
         space = self.space
         return unseen_ends(space.fitted_to(contacts), contacts) if isinstance(space, Region) else ()
+
+    def knowing(self, surroundings: Surroundings) -> Agent:
+        """Return the same with bodies beside the object at other believed places."""
+        station = self.station
+        if station is not None and station.table is not None:
+            table = replace(station.table, surroundings=surroundings)
+            station = replace(station, table=table)
+        return replace(self, station=station, surroundings=surroundings)
 
     def in_frame(self, X_EF: FloatArray) -> Agent:
         """Return the same in a frame F, whose pose in the present frame E is `X_EF` (4, 4)."""

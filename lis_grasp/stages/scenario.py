@@ -18,6 +18,7 @@ from lis_grasp.shapes import NAMES, STABLE, UPRIGHT, Shape, default_mass, draw_p
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.configured_arm import station_facts
 from lis_grasp.stages.random_streams import Stream
+from lis_grasp.stages.surroundings import find_surroundings
 from lis_grasp.task.task import Task
 from lis_grasp.task.world import World
 from lis_grasp.typing import FloatArray
@@ -104,25 +105,31 @@ class Scenario:
             X_WO = _pose("X_WO", poses.get("X_WO"))
             shape = shape if poses.get("X_WO") is None else placed(shape, X_WO)
         support_height = 0.0 if world.pose is not None else lowest_point(shape)
+        surroundings = find_surroundings(task)
         agent = Agent.of(
             task,
             support_height,
             space=_prior_space(shape, task),
             hand=hand,
             X_EA=poses.get("X_EA"),
+            surroundings=surroundings,
         )
         mass = default_mass(shape.mesh, world.object) if world.mass is None else world.mass
         X_EO = _pose("X_EO", poses.get("X_EO"))
-        return cls(task, Truth(shape, mass, world.friction, X_WO, X_EO, agent.surroundings), agent)
+        return cls(task, Truth(shape, mass, world.friction, X_WO, X_EO, surroundings), agent)
 
     def after(self, exploration: Exploration, X_EO: FloatArray | None) -> Scenario:
         """Return the scenario after an exploration, in the frame of its contacts.
 
         The frame, and the station in it, moved with the believed object. Touches moved the object
-        to the true pose `X_EO` (4, 4); None if it is fixed.
+        to the true pose `X_EO` (4, 4); None if it is fixed. Bodies are where touches showed them.
         """
-        belief = exploration.belief
-        after = self if belief is None else self.in_frame(belief.X_WE)
+        belief, known, after = exploration.belief, self.agent.known_bodies, self
+        touches = [touch for o in exploration.observations for touch in o.beside]
+        if known is not None and touches:
+            corrected = known.corrected(touches).surroundings
+            after = replace(self, agent=self.agent.knowing(corrected))
+        after = after if belief is None else after.in_frame(belief.X_WE)
         return after if X_EO is None else after.moved(X_EO)
 
     def in_frame(self, X_EF: FloatArray) -> Scenario:
