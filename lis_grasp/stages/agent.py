@@ -60,20 +60,18 @@ class Agent:
         space: Workspace | Region | None = None,
         hand: Hand | None = None,
         X_EA: FloatArray | None = None,
-        surroundings: Surroundings | None = None,
     ) -> Agent:
         """Return the agent of a task whose object is on a plane at a height [m], in a space.
 
-        `hand` and the true `surroundings` are None for the task's. `X_EA` (4, 4) is the recorded
-        pose of the arm's base in the frame of the contacts; None for the task's.
+        `hand` is None for the task's. `X_EA` (4, 4) is the recorded pose of the arm's base in the
+        frame of the contacts; None for the task's.
 
         Raises `InvalidHandError`, `InvalidArmError` and `InvalidFileError` if a file cannot be
         used.
         """
         robot, known = task.robot, task.known
         hand = Hand.load(robot.hand) if hand is None else hand
-        surroundings = find_surroundings(task) if surroundings is None else surroundings
-        surroundings = believed(surroundings, robot.body_error, task.seed)
+        surroundings = believed(find_surroundings(task), robot.body_error, task.seed)
         return Agent(
             robot=robot,
             known=known,

@@ -105,15 +105,15 @@ class Scenario:
             X_WO = _pose("X_WO", poses.get("X_WO"))
             shape = shape if poses.get("X_WO") is None else placed(shape, X_WO)
         support_height = 0.0 if world.pose is not None else lowest_point(shape)
-        surroundings = find_surroundings(task)
         agent = Agent.of(
             task,
             support_height,
             space=_prior_space(shape, task),
             hand=hand,
             X_EA=poses.get("X_EA"),
-            surroundings=surroundings,
         )
+        is_exact = task.robot.body_error == 0.0
+        surroundings = agent.surroundings if is_exact else find_surroundings(task)
         mass = default_mass(shape.mesh, world.object) if world.mass is None else world.mass
         X_EO = _pose("X_EO", poses.get("X_EO"))
         return cls(task, Truth(shape, mass, world.friction, X_WO, X_EO, surroundings), agent)
