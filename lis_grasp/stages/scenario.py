@@ -18,6 +18,7 @@ from lis_grasp.shapes import NAMES, STABLE, UPRIGHT, Shape, default_mass, draw_p
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.configured_arm import station_facts
 from lis_grasp.stages.random_streams import Stream
+from lis_grasp.stages.surroundings import find_surroundings
 from lis_grasp.task.task import Task
 from lis_grasp.task.world import World
 from lis_grasp.typing import FloatArray
@@ -111,18 +112,24 @@ class Scenario:
             hand=hand,
             X_EA=poses.get("X_EA"),
         )
+        is_exact = task.robot.body_error == 0.0
+        surroundings = agent.surroundings if is_exact else find_surroundings(task)
         mass = default_mass(shape.mesh, world.object) if world.mass is None else world.mass
         X_EO = _pose("X_EO", poses.get("X_EO"))
-        return cls(task, Truth(shape, mass, world.friction, X_WO, X_EO, agent.surroundings), agent)
+        return cls(task, Truth(shape, mass, world.friction, X_WO, X_EO, surroundings), agent)
 
     def after(self, exploration: Exploration, X_EO: FloatArray | None) -> Scenario:
         """Return the scenario after an exploration, in the frame of its contacts.
 
         The frame, and the station in it, moved with the believed object. Touches moved the object
-        to the true pose `X_EO` (4, 4); None if it is fixed.
+        to the true pose `X_EO` (4, 4); None if it is fixed. Bodies are where touches showed them.
         """
-        belief = exploration.belief
-        after = self if belief is None else self.in_frame(belief.X_WE)
+        belief, known, after = exploration.belief, self.agent.known_bodies, self
+        touches = [touch for o in exploration.observations for touch in o.beside]
+        if known is not None and touches:
+            corrected = known.corrected(touches).surroundings
+            after = replace(self, agent=self.agent.knowing(corrected))
+        after = after if belief is None else after.in_frame(belief.X_WE)
         return after if X_EO is None else after.moved(X_EO)
 
     def in_frame(self, X_EF: FloatArray) -> Scenario:
