@@ -58,8 +58,9 @@ class CandidateFilter:
       the hand, of the object in it, or of the hand that lets go, in each of the `lifts`;
     - with a `reach`, the reasons of its check.
 
-    `hit_bodies` counts the bodies of the `surroundings`, the obstacles, that these would hit. For
-    arguments see `HandCollisionChecker`. `reach` is the reach of the arm that carries the hand.
+    `hit_bodies` counts the bodies of the `surroundings`, the obstacles, that these would hit, or
+    pass by within a `margin` [m]. For the other arguments see `HandCollisionChecker`. `reach` is
+    the reach of the arm that carries the hand.
     """
 
     def __init__(
@@ -71,6 +72,7 @@ class CandidateFilter:
         reach: Reach | None = None,
         surroundings: Surroundings = ALONE,
         lifts: Sequence[LiftPath] = STRAIGHT_LIFTS,
+        margin: float = 0.0,
     ) -> None:
         self._reach_check = None if reach is None else reach.reach_check(mesh)
         self._hand = hand
@@ -88,7 +90,9 @@ class CandidateFilter:
         )
         self._bodies: BodyClearance | None = None
         if len(surroundings):
-            self._bodies = BodyClearance(hand, mesh, surroundings, support_height=support_height)
+            self._bodies = BodyClearance(
+                hand, mesh, surroundings, support_height=support_height, margin=margin
+            )
         self._lifts = lifts
         self._is_fixed = np.isin(hand.fingers, hand.fixed_fingers)  # (F,)
         self._opening = np.where(self._is_fixed, 0.0, 1.0 + self._is_fixed.any())[:, None]

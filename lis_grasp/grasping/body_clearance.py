@@ -41,6 +41,8 @@ class BodyClearance:
         The bodies beside it, in O.
     support_height
         Height of the object's support in O [m], which a carried object must not hit; None without.
+    margin
+        Least distance from the bodies [m], such as the error of their places.
     """
 
     def __init__(
@@ -50,9 +52,10 @@ class BodyClearance:
         surroundings: Surroundings,
         *,
         support_height: float | None = None,
+        margin: float = 0.0,
     ) -> None:
         self._hand = hand
-        self._bodies = [_Body(body) for body in surroundings]
+        self._bodies = [_Body(body, margin) for body in surroundings]
         self._links = _Group(hand.link_geometries)
         self._object = _Group([LinkGeometry("object", np.eye(4), "mesh", (), mesh)])
         self._object.place(np.eye(4)[None])
@@ -153,9 +156,9 @@ class _Group:
 class _Body:
     """A body beside the object, for collision checks."""
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: Body, margin: float) -> None:
         self.name, self._body = body.name, body
-        self._shapes = [_Shape(g, body.X_EB @ g.X_LG) for g in body.geometries]
+        self._shapes = [_Shape(g, body.X_EB @ g.X_LG, margin) for g in body.geometries]
         self._is_mesh = any(g.kind == "mesh" for g in body.geometries)
 
     def contains_any(self, points: FloatArray) -> bool:
@@ -170,10 +173,12 @@ class _Body:
 class _Shape:
     """A shape of a body beside the object, at a pose (4, 4) in O."""
 
-    def __init__(self, geometry: LinkGeometry, X_OG: FloatArray) -> None:
+    def __init__(self, geometry: LinkGeometry, X_OG: FloatArray, margin: float) -> None:
         self._object = fcl.CollisionObject(fcl_shape(geometry), fcl.Transform())
         self._X_GO = inverse_pose(X_OG)
-        self._low, self._high = np.asarray(geometry.mesh.bounds)
+        self._margin = margin
+        low, high = np.asarray(geometry.mesh.bounds)
+        self._low, self._high = low - margin, high + margin
 
     def meets(self, group: _Group, path: FloatArray) -> bool:
         """Return whether a group meets it at one of its poses (W, 4, 4)."""
@@ -185,11 +190,17 @@ class _Shape:
             if len(links):
                 X_inverse = inverse_pose(X[w])
                 self._object.setTransform(fcl.Transform(X_inverse[:3, :3], X_inverse[:3, 3]))
-            for link in links:
-                request, result = fcl.CollisionRequest(), fcl.CollisionResult()
-                if fcl.collide(group.objects[link], self._object, request, result):
-                    return True
+            if any(self._is_near(group.objects[link]) for link in links):
+                return True
         return False
+
+    def _is_near(self, link: fcl.CollisionObject) -> bool:
+        if fcl.collide(link, self._object, fcl.CollisionRequest(), fcl.CollisionResult()):
+            return True
+        if self._margin == 0.0:
+            return False
+        distance = fcl.distance(link, self._object, fcl.DistanceRequest(), fcl.DistanceResult())
+        return bool(distance < self._margin)
 
     def _apart(self, points: FloatArray) -> FloatArray:
         """Return the distances of points (..., 3) in G from the shape's bounding box."""

@@ -68,6 +68,8 @@ class ForceClosureSampler:
         The bodies beside the object, in O, which the hand and what it carries may not hit.
     lifts
         Lifts of which one must hit none of them.
+    margin
+        Least distance from them [m], such as the error of their places.
     obstacles
         The same as one mesh in O [m], which may be open; until 4.0.
     load
@@ -89,6 +91,7 @@ class ForceClosureSampler:
         station: Reach | None = None,
         surroundings: Surroundings = ALONE,
         lifts: Sequence[LiftPath] = STRAIGHT_LIFTS,
+        margin: float = 0.0,
         obstacles: trimesh.Trimesh | None = None,
         **load: Any,
     ) -> None:
@@ -99,7 +102,7 @@ class ForceClosureSampler:
         if obstacles is not None:
             obstacle = Body.of_mesh("obstacles", obstacles)
             surroundings = Surroundings((*surroundings, obstacle))
-        self.surroundings, self.lifts = surroundings, tuple(lifts)
+        self.surroundings, self.lifts, self.margin = surroundings, tuple(lifts), margin
         self.hand, self.candidates, self.station = hand, candidates, station
         self.prior = LoadPrior(**load) if prior is None else prior
 
@@ -160,6 +163,7 @@ class ForceClosureSampler:
             reach=self.station,
             surroundings=self.surroundings,
             lifts=self.lifts,
+            margin=self.margin,
         )
         scorer = GraspScorer(
             self.hand, mesh, prior=self.prior, rng=rng, support_height=support_height

@@ -62,12 +62,15 @@ def choose_lift(
     *,
     support_height: float,
     highest: float = np.inf,
+    margin: float = 0.0,
 ) -> LiftOptions:
     """Return the options with the first permitted height at which nothing hits a body.
 
     The object is as known, and all is in its frame O. The usual height, where none is free.
     """
-    clearance = BodyClearance(hand, mesh, surroundings, support_height=support_height)
+    clearance = BodyClearance(
+        hand, mesh, surroundings, support_height=support_height, margin=margin
+    )
     standoff = options.standoff
     lift = clearance.first_free_lift(
         permitted_lifts(options, highest=highest),

@@ -21,7 +21,9 @@ from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.stages.configured_arm import station_facts
 from lis_grasp.stages.regrasp import Attempt
 from lis_grasp.stages.scenario import Scenario
+from lis_grasp.typing import FloatArray
 from lis_grasp.version import __version__
+from lis_grasp.world import Body
 
 # Number of points on the true surface that measure the tracking error.
 _SAMPLES = 2000
@@ -54,6 +56,7 @@ def build_report(
         "grasps": _grasp_facts(last),
         "attempts": [_attempt_facts(attempt) for attempt in attempts],
         "lift": lift_facts(last.outcome, mass=scenario.truth.mass),
+        **world_facts(attempts),
     }
 
 
@@ -147,6 +150,34 @@ def _attempt_facts(attempt: Attempt) -> dict[str, Any]:
     }
 
 
+def world_facts(attempts: Sequence[Attempt]) -> dict[str, Any]:
+    """Return what attempts did to the bodies beside the object; nothing without any.
+
+    `forces` are the largest on each touched body [N], `moved` how far free ones moved, all attempts
+    together [mm].
+    """
+    if not any(len(attempt.scenario.truth.surroundings) for attempt in attempts):
+        return {}
+    forces: dict[str, float] = {}
+    moved: dict[str, float] = {}
+    for attempt in attempts:
+        outcome = attempt.outcome
+        for name, force in ({} if outcome is None else outcome.forces).items():
+            forces[name] = max(force, forces.get(name, 0.0))
+        for body in attempt.scenario.truth.surroundings.free:
+            after = None if outcome is None else outcome.X_EB.get(body.name)
+            distance = 0.0 if after is None else 1e3 * _largest_motion(body, after)
+            moved[body.name] = moved.get(body.name, 0.0) + distance
+    return {"world": {"lift": {"forces": forces, "moved": moved}}}
+
+
+def _largest_motion(body: Body, X_EB: FloatArray) -> float:
+    """Return how far the corner of a body's box that moves most is from where it was [m]."""
+    corners = trimesh.bounds.corners(body.mesh_B.bounds)
+    moved = apply_pose(X_EB, corners) - apply_pose(body.X_EB, corners)
+    return float(np.linalg.norm(moved, axis=1).max())
+
+
 def _use_facts(outcome: LiftOutcome) -> dict[str, Any]:
     return {} if outcome.arm is None else {"arm": asdict(outcome.arm)}
 
@@ -176,6 +207,7 @@ def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
         "simulated_seconds": outcome.duration,
         "weighed": outcome.weighed,
         "grip_margin": outcome.grip_margin,
+        **({"forces": dict(outcome.forces)} if outcome.forces else {}),
         **_use_facts(outcome),
     }
 

@@ -102,9 +102,21 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
         why = LIFT_REASONS.get(lift["reason"], lift["reason"])  # a later version's as is
         why = no_grasp_sentence(grasps["rejections"], grasps.get("hit_bodies")) if no_grasp else why
         lines.append(f"{lifted}: {why}")
+    lines += _world_lines(report)
     if "arm" in report:
         lines.append(_arm_line(report))
     return tuple(lines)
+
+
+def _world_lines(report: Mapping[str, Any]) -> list[str]:
+    """Return which bodies beside the object the lifts pushed, and how far, if any."""
+    facts = report.get("world", {}).get("lift", {})
+    forces, moved = facts.get("forces", {}), facts.get("moved", {})
+    pushed = []
+    for name, force in forces.items():
+        by = f", moved by {moved[name]:.1f} mm" if name in moved else ""
+        pushed.append(f"{name} with {force:.1f} N{by}")
+    return [f"pushed    {'; '.join(pushed)}"] if pushed else []
 
 
 def headline(report: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:

@@ -131,6 +131,7 @@ def fitting_lift(
         agent.surroundings,
         support_height=agent.support_height,
         highest=highest_lift(agent),
+        margin=agent.robot.body_error,
     )
 
 

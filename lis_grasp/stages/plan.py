@@ -42,6 +42,7 @@ def plan_grasps(
         station=agent.station,
         surroundings=agent.surroundings,
         lifts=permitted_lifts(LiftOptions(), highest=highest_lift(agent)),
+        margin=agent.robot.body_error,
     )
     rng = Stream.GRASP.rng(agent.seed)
     height, count = agent.support_height, agent.decide.grasps
