@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.shapes import Shape
 from lis_grasp.task.task import Task
@@ -9,17 +11,44 @@ from lis_grasp.world import ALONE, Surroundings
 from lis_grasp.world.touching import bodies_touching
 
 
+def load_world(path: str | Path, at: str | None = None) -> Surroundings:
+    """Return the bodies of a file in the frame of a table, on whose plane z = 0 the object stands.
+
+    The file has Drake's model directives, scenarios of a HardwareStation (``FILE#NAME`` is one of
+    several), one of their models (SDF, URDF, MJCF), or a mesh [m]. Robots of a scenario, models
+    whose files are not on this disk, and what is placed on them are left out with a warning, as
+    are shapes that are wholly at or below the table.
+
+    `at` is the place of the table's frame in the file's world: the name of a body or frame, or
+    three numbers [m]; None for its origin.
+
+    Raises
+    ------
+    InvalidFileError, InvalidMeshError
+        If the file cannot be used.
+    InvalidOptionError
+        If it has more than 50 bodies or 200,000 triangles, or no upright frame `at`.
+
+    Examples
+    --------
+    >>> mesh_bytes = shapes.find("box").mesh.export("block.stl")
+    >>> [body.name for body in load_world("block.stl", at="0.3 0 0")]
+    ['block']
+    """
+    from lis_grasp.simulation.drake.world_reader import load_surroundings
+
+    return load_surroundings(path, at)
+
+
 def find_surroundings(task: Task) -> Surroundings:
     """Return the bodies beside the object of a task, in the frame of its table.
 
-    For errors see `load_surroundings`.
+    For errors see `load_world`.
     """
     world = task.known.world
     if world is None or isinstance(world, Surroundings):
         return world or ALONE
-    from lis_grasp.simulation.drake.world_reader import load_surroundings
-
-    return load_surroundings(world, task.known.at)
+    return load_world(world, task.known.at)
 
 
 def require_apart(surroundings: Surroundings, shape: Shape) -> None:
