@@ -69,7 +69,7 @@ def execute(options: argparse.Namespace) -> None:
         say(f"warning: without {surface} the paths do not avoid the object")
     height = float(recorded.get("support_height", 0.0))
     X_WE = require_pose("X_WE", recorded.get("X_WE", np.eye(4)))
-    arm, surroundings = Arm.load(name), find_surroundings(task).in_frame(X_WE)
+    arm, surroundings = Arm.load(name), find_surroundings(task, height).in_frame(X_WE)
     with Stage(f"Planning the motion of {arm.name} with {hand.name}") as stage:
         rank, station, motion = _first_motion(
             grasps,

@@ -79,7 +79,7 @@ class Agent:
         hand = Hand.load(robot.hand) if hand is None else hand
         X_WE = poses.get("X_WE")
         X_WE = np.eye(4) if X_WE is None else require_pose("X_WE", X_WE)
-        surroundings = find_surroundings(task).in_frame(X_WE)
+        surroundings = find_surroundings(task, support_height).in_frame(X_WE)
         return Agent(
             robot=robot,
             known=known,

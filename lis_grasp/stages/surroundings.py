@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.geometry import make_pose
 from lis_grasp.shapes import Shape
+from lis_grasp.shapes.loading import FORMATS as MESH_FORMATS
 from lis_grasp.task.task import Task
 from lis_grasp.world import ALONE, Surroundings
+from lis_grasp.world.files import file_of
 from lis_grasp.world.touching import bodies_touching
 
 
@@ -40,15 +45,19 @@ def load_world(path: str | Path, at: str | None = None) -> Surroundings:
     return load_surroundings(path, at)
 
 
-def find_surroundings(task: Task) -> Surroundings:
-    """Return the bodies beside the object of a task, in the frame of its table.
+def find_surroundings(task: Task, height: float) -> Surroundings:
+    """Return the bodies beside the object of a task, in the frame W of its touches.
 
-    For errors see `load_world`.
+    The table of a file of models is at a height [m] in W; a mesh is in W. For errors see
+    `load_world`.
     """
     world = task.known.world
     if world is None or isinstance(world, Surroundings):
         return world or ALONE
-    return load_world(world, task.known.at)
+    surroundings = load_world(world, task.known.at)
+    if file_of(world).suffix.lower() in MESH_FORMATS:
+        return surroundings
+    return surroundings.in_frame(make_pose(np.eye(3), np.array([0.0, 0.0, -height])))
 
 
 def require_apart(surroundings: Surroundings, shape: Shape) -> None:

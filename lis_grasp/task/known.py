@@ -47,8 +47,8 @@ class Known:
     world: str | InstanceOf[Surroundings] | None = option(
         None,
         "bodies beside the object, which hand, arm and what they carry must not hit, such as a bin,"
-        " a shelf or neighbours: model directives of Drake, one of their models, or a mesh [m],"
-        " in the frame of the table; FILE#NAME is one scenario of several",
+        " a shelf or neighbours: model directives of Drake or one of their models, in the frame of"
+        " the table, or a mesh [m], in that of the touches; FILE#NAME is one scenario of several",
         metavar="FILE",
     )
     at: str | None = option(
