@@ -73,7 +73,7 @@ def exploration_content(task: Task) -> dict[str, str]:
 def _files(task: Task) -> dict[str, Path]:
     """Return the files that an exploration depends on, by the fact that names them."""
     hand, facts = task.robot.hand, task.facts()
-    named = {name: file_of(facts[name] or "") for name in ("object", "cloud", "arm", "world")}
+    named = {name: file_of(facts.get(name) or "") for name in ("object", "cloud", "arm", "world")}
     files = {name: file for name, file in named.items() if file.is_file()}
     files["hand"] = hand_path(hand)
     plugged = {
