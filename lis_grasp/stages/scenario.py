@@ -21,7 +21,7 @@ from lis_grasp.shapes import NAMES, STABLE, UPRIGHT, Shape, default_mass, draw_p
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.configured_arm import station_facts
 from lis_grasp.stages.random_streams import Stream
-from lis_grasp.stages.surroundings import believed, find_surroundings
+from lis_grasp.stages.surroundings import believed, find_surroundings, require_apart
 from lis_grasp.task.task import Task
 from lis_grasp.task.world import World
 from lis_grasp.typing import FloatArray
@@ -91,14 +91,14 @@ class Scenario:
         hand
             The hand; None for the task's.
         recorded
-            Facts of a results file: its poses ``X_WO``, ``X_EO`` and ``X_EA`` of object, moved
-            object and arm replace the poses given by the task and its seed.
+            Facts of a results file: its poses ``X_WO``, ``X_EO``, ``X_EA`` and ``X_WE`` of object,
+            moved object, arm and frame replace the poses given by the task and its seed.
 
         Raises
         ------
         InvalidOptionError
-            If the object does not fit into its region, or `units` or `up` are given for a built-in
-            shape.
+            If the object does not fit into its region, or touches another body, or `units` or `up`
+            are given for a built-in shape.
         InvalidMeshError, InvalidHandError, InvalidArmError, InvalidFileError
             If a file cannot be used.
         """
@@ -116,10 +116,14 @@ class Scenario:
             support_height,
             space=_prior_space(shape, task),
             hand=hand,
-            X_EA=poses.get("X_EA"),
+            poses=poses,
         )
-        is_exact = task.robot.body_error == 0.0
-        surroundings = agent.surroundings if is_exact else find_surroundings(task)
+        surroundings = agent.surroundings
+        if task.robot.body_error:
+            surroundings = find_surroundings(task, support_height)
+            surroundings = surroundings.in_frame(_pose("X_WE", poses.get("X_WE")))
+        if recorded is None:
+            require_apart(surroundings, shape)
         mass = default_mass(shape.mesh, world.object) if world.mass is None else world.mass
         X_EO = _pose("X_EO", poses.get("X_EO"))
         return cls(task, Truth(shape, mass, world.friction, X_WO, X_EO, surroundings), agent)
@@ -189,12 +193,13 @@ class Scenario:
         return {"warnings": [f"not found: {', '.join(map(str, ends))}"]} if ends else {}
 
     def facts(self) -> dict[str, Any]:
-        """Return the support and the poses of object and arm, as plain values for file headers."""
+        """Return the support and the poses of object, arm and frame, as values for file headers."""
         moved = not np.array_equal(self.truth.X_EO, np.eye(4))
         return {
             "support_height": self.agent.support_height,
             "X_WO": None if self.task.world.pose is None else self.truth.X_WO.tolist(),
             **({"X_EO": self.truth.X_EO.tolist()} if moved else {}),
+            **({"X_WE": self.agent.X_WE.tolist()} if len(self.agent.surroundings) else {}),
             **station_facts(self.agent.station),
         }
 
