@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -143,10 +144,12 @@ def test_a_notebook_displays_contacts_grasps_and_runs(tmp_path: Path) -> None:
     assert len(shown) < 3000
     assert "<circle" not in Contacts.empty()._repr_html_()
     run = lg.Run(tmp_path, {}, CONTACTS, None, None, None, None)
-    assert "<iframe" not in run._repr_html_()
+    assert ElementTree.fromstring(run._repr_html_()).find("iframe") is None
     (tmp_path / "scene.html").write_text("<b>page</b>")
-    frame = ElementTree.fromstring(run._repr_html_())
-    assert frame.get("srcdoc") == "<b>page</b>"
+    (tmp_path / "scene.png").write_bytes(b"picture")
+    shown = ElementTree.fromstring(run._repr_html_())
+    assert shown.find("iframe").get("srcdoc") == "<b>page</b>"
+    assert shown.find("summary/img").get("src").endswith(b64encode(b"picture").decode())
     table = ElementTree.fromstring(SEARCH._repr_html_())
     assert len(table.findall("./tbody/tr")) == 2
     assert "3" in GraspSearch((), {"collision": 3}, 3)._repr_html_()

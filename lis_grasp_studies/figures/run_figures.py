@@ -21,10 +21,9 @@ from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.provenance import read as read_facts
 from lis_grasp.io.surface_files import load_growth
 from lis_grasp.pipeline import Run
-from lis_grasp.visualization.camera import choose_azimuth, surface_points
+from lis_grasp.visualization.camera import View, choose_azimuth, surface_points
 from lis_grasp.visualization.colours import ColourScale
 from lis_grasp_studies.figures._solids import VIEW
-from lis_grasp_studies.figures.painter import View
 from lis_grasp_studies.figures.static_scene import COLOURS, draw_still
 from lis_grasp_studies.figures.style import COLUMN, WIDTH, add_panel, colour_bar, head, new_figure
 from lis_grasp_studies.harness.page import Picture, write_figures
