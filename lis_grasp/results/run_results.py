@@ -65,7 +65,7 @@ class Run:
         from lis_grasp.visualization.notebook import framed, image
 
         text, page = f"<code>{escape(repr(self))}</code>", self.folder / PAGE
-        picture = self._repr_png_()
+        picture = self.png()
         if picture is not None:
             text = f"{image(picture)}<br/>{text}"
         if not page.is_file():
@@ -73,8 +73,8 @@ class Run:
         frame = framed(page.read_text(encoding="utf-8"), str(self.folder))
         return f"<details><summary>{text}</summary>{frame}</details>"
 
-    def _repr_png_(self) -> bytes | None:
-        """Return the picture of the run; None if there is none to draw."""
+    def png(self) -> bytes | None:
+        """Return a small picture of estimate, contacts and best grasp; None without any."""
         from lis_grasp.visualization.still import Still
 
         path = self.folder / PICTURE
@@ -83,6 +83,8 @@ class Run:
         if self.mesh is None and not self.contacts:
             return None
         return Still(solid=self.mesh, contacts=self.contacts or Contacts.empty()).png()
+
+    _repr_png_ = png
 
     @classmethod
     def load(cls, folder: Path | str) -> Run:
