@@ -17,7 +17,7 @@ from lis_grasp.drake._ports import MadeOnce, declare_output, read_port
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.exploration import TactileSensor
 from lis_grasp.records import Record
-from lis_grasp.simulation.drake.plant_parts import pose_of, require_type
+from lis_grasp.simulation.drake.plant_parts import pose_of, require_type, wrong_type
 from lis_grasp.stages.estimate import Perception, SurfaceEstimate
 from lis_grasp.surfaces import Estimator, ImplicitSurface
 
@@ -125,6 +125,9 @@ class SurfaceEstimator(LeafSystem):
         super().__init__()
         X_WE = pose_of(X_WE, "X_WE")
         require_type("noise", noise, TactileSensor)
+        if not (isinstance(estimator, str) or callable(estimator)):
+            required = "the name of an estimator, or a function of contacts"
+            raise wrong_type("estimator", estimator, required)
         perception = Perception(
             estimator=estimator,
             sensor=noise or TactileSensor(),
