@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, TypeAlias
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.cli import options as opt
-from lis_grasp.cli.progress import Stage, complain, say
+from lis_grasp.cli.progress import Stage, complain, next_step, say
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Exploration, Observation, TouchLog
@@ -216,7 +216,7 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, task: Task) -> None:
             address = options.socket if options.port is None else options.port
             serve_socket(service.answer, address, lambda name: say(f"ready: {name}"))
     if path.exists():
-        complain(f"next: the same command with {path} as CONTACTS goes on")
+        complain(next_step("the same command with {} as CONTACTS goes on", path))
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from lis_grasp.cli import options as opt
-from lis_grasp.cli.progress import PRINTED, complain, say, say_search
+from lis_grasp.cli.progress import PRINTED, complain, next_step, say, say_search
 from lis_grasp.cli.view import watched
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, LisGraspError, counted
 from lis_grasp.results.folder import PAGE, RUN_FILES, results_folder
@@ -72,5 +72,5 @@ def _run(task: Task, folder: Path, *, fresh: bool) -> int:
     for line in run_lines(run.report or {}):
         say(line)
     say(f"wrote {run.folder}/{', '.join(RUN_FILES)}")
-    say(f"next: open {run.folder}/{PAGE}, or: lis-grasp view {run.folder}")
+    say(next_step("open {}, or: lis-grasp view {}", run.folder / PAGE, run.folder))
     return 0 if found else 1
