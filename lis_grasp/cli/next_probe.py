@@ -29,6 +29,7 @@ from lis_grasp.stages.contact_sources import (
 )
 from lis_grasp.stages.next_touch import NextTouch, ObjectPlace, next_touch
 from lis_grasp.surfaces import judge_contacts
+from lis_grasp.surfaces.contact_checks import doubt_of_side
 from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
 
@@ -115,8 +116,8 @@ def execute(options: argparse.Namespace) -> None:
     with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
         touch = next_touch(agent, before, observations)
         stage.result = f"policy {task.decide.policy}"
-    if place.doubt(contacts):
-        say(f"warning: {place.doubt(contacts)}")
+    for doubt in filter(None, (place.doubt(contacts), doubt_of_side(contacts))):
+        say(f"warning: {doubt}")
     for line in _lines(touch):
         say(line)
     path = options.output or (options.contacts or Path()).parent
