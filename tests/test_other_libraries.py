@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from base64 import b64encode
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -73,6 +75,31 @@ def test_a_table_of_grasps_has_a_row_each_by_rank() -> None:
     assert_array_equal(table.loc[1, ["x", "y", "z"]].astype(float), SEARCH.best.X_OH[:3, 3])
 
 
+def test_pandas_takes_contacts_and_searches_by_themselves() -> None:
+    pandas = pytest.importorskip("pandas")
+    assert_array_equal(pandas.DataFrame(CONTACTS), np.asarray(CONTACTS))
+    table = pandas.DataFrame(SEARCH)
+    assert list(table["hand"]) == ["wsg50", "wsg50"]
+    assert table["quality"][1] == SEARCH[1].quality
+
+
+def test_a_grasp_is_a_dictionary_and_its_quality_is_read_only() -> None:
+    grasp = made_grasp()
+    assert asdict(grasp)["quality"] == {"epsilon": 0.0}
+    assert pickle.loads(pickle.dumps(grasp)) == grasp  # noqa: S301
+    assert copy.deepcopy(grasp.quality) == grasp.quality
+    for change in (
+        lambda q: q.update(epsilon=1.0),
+        lambda q: q.__setitem__("epsilon", 1.0),
+        lambda q: q.pop("epsilon"),
+        lambda q: q.setdefault("more", 1.0),
+        lambda q: q.clear(),
+    ):
+        with pytest.raises(TypeError, match="read-only"):
+            change(grasp.quality)
+    assert grasp == made_grasp()
+
+
 def test_a_table_without_pandas_names_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lis_grasp.exceptions.find_spec", lambda name: None)
     for record in (CONTACTS, SEARCH):
@@ -129,6 +156,7 @@ def test_a_surface_is_called_and_predicts(name: str, height: float | None) -> No
     assert_array_equal(surface(points), surface.evaluate(points))
     assert_array_equal(surface.predict(points), surface.evaluate(points))
     mean, deviation = surface.predict(points, return_std=True)
+    assert_array_equal(surface.predict(points, True), [mean, deviation])  # as scikit-learn's
     assert_array_equal(mean, surface.evaluate(points))
     assert_array_equal(deviation, surface.uncertainty(points))
 
