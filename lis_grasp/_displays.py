@@ -39,7 +39,7 @@ def search_html(search: GraspSearch) -> str:
     table = search._repr_html_()
     try:
         hand = Hand.load(search.best.hand)
+        stills = [Still(hand=hand, grasp=grasp).png(_PIXELS) for grasp in search[:_SHOWN]]
     except LisGraspError:  # no grasp, or a hand of another machine
         return table
-    stills = (Still(hand=hand, grasp=grasp).png(_PIXELS) for grasp in search[:_SHOWN])
     return f"<div>{''.join(image(png, _PIXELS[0]) for png in stills)}{table}</div>"

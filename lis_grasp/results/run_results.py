@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Any
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io.schemas import FileRecord, read_json
 from lis_grasp.io.surface_files import load_surface
@@ -82,7 +83,11 @@ class Run:
             return path.read_bytes()
         if self.mesh is None and not self.contacts:
             return None
-        return Still(solid=self.mesh, contacts=self.contacts or Contacts.empty()).png()
+        still = Still(solid=self.mesh, contacts=self.contacts or Contacts.empty())
+        if self.grasps:
+            with suppress(LisGraspError):  # the hand is of another machine
+                return replace(still, hand=self.hand, grasp=self.grasps[0]).png()
+        return still.png()
 
     _repr_png_ = png
 

@@ -41,6 +41,7 @@ LEAST_SIZE = 0.01
 """Size of a scene with a single contact [m]."""
 # Room around the object that the hand may take, and the margin, in the object's sizes.
 _ROOM, _MARGIN = 0.5, 0.05
+_MOST_MARKED = 1000  # contacts; of more, as of a cloud, every n-th is marked
 _MOST_POINTS = 2000  # of the object, and of the hand, by which occlusion is measured
 
 
@@ -115,14 +116,15 @@ class Still:
         if self._mesh is not None:
             yield Solid(self._mesh, self._solid_colour(self._mesh))
         points, normals = self._marked()
-        bad = np.isin(np.arange(len(points)), self.bad_contacts)
-        for rows, colour in ((~bad, CONTACT_COLOUR), (bad, BAD_COLOUR)):
-            if rows.any():
+        few = np.arange(0, len(points), -(-len(points) // _MOST_MARKED) or 1)
+        bad = np.isin(few, self.bad_contacts)
+        for rows, colour in ((few[~bad], CONTACT_COLOUR), (few[bad], BAD_COLOUR)):
+            if len(rows):
                 yield Solid(_discs(view, points[rows], _RADIUS * size), colour)
-        if len(points):
-            yield Solid(_ribbons(view, points, normals, size), NORMAL_COLOUR)
+        if len(few):
+            yield Solid(_ribbons(view, points[few], normals[few], size), NORMAL_COLOUR)
         if self.hand is not None and self.grasp is not None:
-            for link, X_OL in zip(self.hand.links, link_poses(self.hand, self.grasp), strict=False):
+            for link, X_OL in zip(self.hand.links, link_poses(self.hand, self.grasp), strict=True):
                 for look in link_looks(self.hand, link):
                     yield Solid(look.copy().apply_transform(X_OL), link_colour(self.hand, link))
 

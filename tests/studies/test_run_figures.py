@@ -84,6 +84,14 @@ def test_type_in_a_column_is_not_smaller_than_on_a_page(folder: Path) -> None:
         assert min(sizes) >= SMALL
 
 
+def test_without_the_true_object_there_are_estimate_and_grasp(tmp_path: Path) -> None:
+    contacts = Path(__file__).parents[2] / "examples" / "contacts.csv"
+    made = pipeline.estimate_file([pipeline.ContactSource(contacts)], tmp_path)
+    pipeline.grasp_file(made.path, tmp_path, hand="wsg50", grasps=1)
+    pictures = [axes for axes in run_figure(Run.load(tmp_path), WIDTH).axes if axes.images]
+    assert len(pictures) == 2 * 2
+
+
 @pytest.mark.parametrize("name", ["contacts.ply", "surface.ply", "grasps.json"])
 def test_a_missing_file_of_a_stage_is_named(folder: Path, tmp_path: Path, name: str) -> None:
     shutil.copytree(folder, tmp_path / "run")

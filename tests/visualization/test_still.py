@@ -9,6 +9,7 @@ import trimesh
 from IPython.core.formatters import DisplayFormatter
 from made_grasps import jaw_grasp
 from PIL import Image
+from random_directions import random_directions
 
 import lis_grasp as lg
 from lis_grasp import pipeline
@@ -76,6 +77,14 @@ def test_a_hand_alone_is_whole() -> None:
         # Points that frame the hand are up to a tenth of a face inside its corners.
         assert np.all(place > -30.0)
         assert np.all(place < np.array(PIXELS) + 30.0)
+
+
+def test_of_a_cloud_every_nth_point_is_marked() -> None:
+    directions = random_directions(5500, np.random.default_rng(0))
+    cloud = lg.Contacts(0.03 * directions, directions)
+    discs, ribbons = Still(contacts=cloud)._solids(VIEW)
+    assert len(ribbons.mesh.faces) == 2 * 917  # every sixth
+    assert len(discs.mesh.faces) == 10 * 917
 
 
 def test_equal_contents_give_equal_bytes_and_nothing_is_white() -> None:
