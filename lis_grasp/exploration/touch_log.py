@@ -12,6 +12,7 @@ from pydantic import Field
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, InvalidInputError
+from lis_grasp.exploration.disturbance import Disturbance
 from lis_grasp.exploration.observations import Observation
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, ProbeStatus
@@ -31,6 +32,8 @@ class LoggedProbe(Record):
     observation: Observation
     #: (4, 4): true pose of a free object after the probe, in the frame of its contacts
     X_EO: FloatArray | None = None
+    #: what it and earlier probes did to the bodies beside the object; None if as before
+    disturbance: Disturbance | None = None
 
     def __post_init__(self) -> None:
         if self.X_EO is not None:
@@ -89,12 +92,19 @@ class TouchLog:
         """Write the header, if there is none yet."""
         append_lines(self.path, self._header(), [])
 
-    def append(self, observation: Observation, X_EO: FloatArray | None = None) -> None:
+    def append(
+        self,
+        observation: Observation,
+        X_EO: FloatArray | None = None,
+        disturbance: Disturbance | None = None,
+    ) -> None:
         """Add an observation; it is on the disk when this returns.
 
         `X_EO` is the true pose of a simulated free object after it, (4, 4); None if unknown.
+        `disturbance` is what touches did so far to the bodies beside it; None if as before.
         """
-        append_lines(self.path, self._header(), [_row(LoggedProbe(observation, X_EO))])
+        probe = LoggedProbe(observation, X_EO, disturbance)
+        append_lines(self.path, self._header(), [_row(probe)])
 
     def end(self, reason: str) -> None:
         """Mark the exploration as ended, with the reason."""
@@ -147,7 +157,14 @@ def _row(probe: LoggedProbe) -> Row:
     row |= {"slid": outcome.slid} if outcome.slid else {}
     row |= {} if belief is None else {"tracked_pose": belief.as_dict()}
     row |= {} if probe.X_EO is None else {"simulated_pose": probe.X_EO}
+    row |= {} if probe.disturbance is None else {"disturbance": _disturbance_row(probe.disturbance)}
     return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in row.items()}
+
+
+def _disturbance_row(disturbance: Disturbance) -> Row:
+    poses = {name: X.tolist() for name, X in disturbance.poses.items()}
+    contacts, forces = dict(disturbance.contacts), dict(disturbance.forces)
+    return {"contacts": contacts, "forces": forces, "poses": poses}
 
 
 def _logged(path: Path, rows: list[Row]) -> tuple[LoggedProbe, ...]:
@@ -188,7 +205,18 @@ def _probe_of(row: TouchEntry) -> LoggedProbe:
     )
     tracked = row.tracked_pose
     belief = None if tracked is None else PoseBelief.from_dict(tracked.model_dump())
-    return LoggedProbe(Observation(outcome, belief, _rows(row.dropped)), _array(row.simulated_pose))
+    observation, disturbance = Observation(outcome, belief, _rows(row.dropped)), row.disturbance
+    return LoggedProbe(
+        observation,
+        _array(row.simulated_pose),
+        None
+        if disturbance is None
+        else Disturbance(
+            disturbance.contacts,
+            disturbance.forces,
+            {name: np.array(X) for name, X in disturbance.poses.items()},
+        ),
+    )
 
 
 def _array(values: Sequence[Any] | None) -> FloatArray | None:
@@ -212,6 +240,14 @@ class BeliefEntry(FileRecord):
     suspicious: bool
     lost: bool
     joined: Pose | None = None
+
+
+class DisturbanceEntry(FileRecord):
+    """A `Disturbance`."""
+
+    contacts: dict[str, Annotated[int, Field(ge=0)]]
+    forces: dict[str, Number]
+    poses: dict[str, Pose]
 
 
 class TouchEntry(FileRecord):
@@ -241,3 +277,4 @@ class TouchEntry(FileRecord):
     dropped: list[Vector] = Field(default_factory=list)
     slides: list[Vector] = Field(default_factory=list)
     slid: Annotated[int, Field(ge=0)] = 0
+    disturbance: DisturbanceEntry | None = None
