@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from threading import Thread
 from typing import Any
 
@@ -40,6 +41,7 @@ from lis_grasp.simulation import DynamicProber
 from lis_grasp.simulation.drake.hand_plant import PROBING_SKIN
 from lis_grasp.stages.estimate import Perception, estimate
 from lis_grasp.stages.touch import make_policy
+from lis_grasp.surfaces.contact_checks import doubt_of_side
 
 BOX = trimesh.creation.box([0.06, 0.08, 0.12])
 TOUCHES = 5
@@ -333,3 +335,16 @@ def test_a_plant_to_which_nothing_can_be_added_is_refused_in_one_sentence() -> N
     with pytest.raises(InvalidOptionError) as error:
         add_hand(plant, "wsg50")
     assert error.value.option == "plant"
+
+
+def test_contacts_with_inward_normals_are_warned_of_once() -> None:
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    system = SurfaceEstimator("gpis")
+    context = system.CreateDefaultContext()
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        for sign, size in ((1.0, 0.03), (-1.0, 0.03), (-1.0, 0.04)):
+            contacts = Contacts(size * axes, sign * axes)
+            system.GetInputPort("contacts").FixValue(context, contacts)
+            assert system.estimate.Eval(context).contacts == contacts
+    assert [str(w.message) for w in told] == [doubt_of_side(Contacts(0.03 * axes, -axes))]

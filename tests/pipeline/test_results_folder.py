@@ -26,7 +26,7 @@ from lis_grasp.task.recorded_facts import read_facts
 EXPLORE = ["explore", "box", "--known", "--prober", "kinematic", "--hand", "wsg50"]
 EXPLORE += ["--touches", "6"]
 AXES = np.vstack([np.eye(3), -np.eye(3)])
-LATER = ("grasps.isaac.yaml", "motion.npz", "lifts.json", "report.json", "scene.html")
+LATER = ("grasps.isaac.yaml", "motion.npz", "lifts.json", "report.json", "scene.html", "scene.png")
 
 
 def files(folder: Path) -> dict[Path, bytes]:
