@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import closing
@@ -45,6 +46,7 @@ class BagLog:
     """Forces and poses of a bag. Times are from the headers, or else from the recording."""
 
     unused = ()
+    reach = math.inf
 
     def __init__(self, path: Path, reading: LogReading = LogReading()) -> None:
         """Open a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag.
@@ -142,6 +144,10 @@ class BagLog:
     def joint_names(self) -> tuple[str, ...]:
         """Return the names of all joints, sorted."""
         return tuple(sorted(self._all_joints()))
+
+    def other_readings(self) -> dict[str, BagLog]:
+        """Return nothing: messages state their meaning."""
+        return {}
 
     def _all_joints(self) -> dict[str, list[JointSeries]]:
         if self._series is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from lis_grasp.logs.readers import (
     Topic,
 )
 from lis_grasp.logs.reading import LogReading
-from lis_grasp.robots.described_joints import read_joints
+from lis_grasp.robots.described_joints import reach_of, read_joints
 from lis_grasp.typing import FloatArray
 
 # A joint may be this far outside of its limits [rad or m], because calibrations differ.
@@ -28,7 +29,11 @@ _BEYOND = 0.1
 
 
 def with_link_frames(
-    log: RobotLog, description: Path, reading: LogReading = LogReading()
+    log: RobotLog,
+    description: Path,
+    reading: LogReading = LogReading(),
+    *,
+    xacro_args: Mapping[str, str] = MappingProxyType({}),
 ) -> RobotLog:
     """Return a log whose frames include the links of a robot.
 
@@ -44,6 +49,8 @@ def with_link_frames(
         URDF, SDF or MJCF of the robot. Its meshes are not needed.
     reading
         The unit of joints that turn.
+    xacro_args
+        Arguments of a xacro file, by name.
 
     Raises
     ------
@@ -52,7 +59,7 @@ def with_link_frames(
     InvalidFileError, InvalidHandError
         If the description cannot be read.
     """
-    joints = read_joints(description)
+    joints = read_joints(description, xacro_args)
     moving = [joint for joint in joints if not joint.is_fixed]
     logged = log.joints(tuple(dict.fromkeys(joint.leader for joint in moving)))
     if not logged:
@@ -87,7 +94,7 @@ def with_link_frames(
         {**own.unknown, **unknown},
         (*own.sources, *sorted(sources)),
     )
-    return _LogWithLinks(log, tree, base)
+    return _LogWithLinks(log, tree, base, reach_of(joints))
 
 
 def _one_track(
@@ -172,6 +179,7 @@ class _LogWithLinks(RobotLog):
     log: RobotLog
     tree: FrameTree
     base: str
+    reach: float
 
     @property
     def topics(self) -> tuple[Topic, ...]:  # type: ignore[override]
@@ -193,6 +201,10 @@ class _LogWithLinks(RobotLog):
 
     def joint_names(self) -> tuple[str, ...]:
         return self.log.joint_names()
+
+    def other_readings(self) -> Mapping[str, RobotLog]:
+        others = self.log.other_readings().items()
+        return {advice: replace(self, log=log) for advice, log in others}
 
     def frames(self) -> FrameTree:
         return self.tree
