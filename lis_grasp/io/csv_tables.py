@@ -61,7 +61,7 @@ def column_numbers(path: Path, rows: list[list[str]], column: int, name: str) ->
     return np.array([cell_number(path, row[column], n + 1, name) for n, row in enumerate(rows)])
 
 
-def numbers_of(rows: list[list[str]], column: int) -> FloatArray | None:
+def numeric_column(rows: list[list[str]], column: int) -> FloatArray | None:
     """Return a column of a table as numbers, NaN where it is blank; None if it has other texts."""
     try:
         return np.array([float(row[column] or "nan") for row in rows])

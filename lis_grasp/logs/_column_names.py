@@ -78,11 +78,18 @@ KINDS = {
 }
 """Words of a quantity before its axis: force, position, quaternion, an orientation."""
 
+COMMANDS = {
+    *("target", "targets", "desired", "command", "commands", "commanded", "cmd", "goal"),
+    *("reference", "ref", "setpoint"),
+}
+"""Words in the names of columns and topics that are commands and no measurements."""
+
 OTHERS = {
     *("t", "m", "torque", "moment", "v", "vel", "velocity", "speed", "twist", "linear", "angular"),
     *("w", "omega", "a", "acc", "accel", "acceleration", "accelerometer", "g", "gyro", "mag"),
     *("effort", "current", "voltage", "temperature", "force", "wrench", "ft", "stiffness"),
-    *("target", "desired", "command", "cmd", "goal", "reference", "ref", "error", "joint"),
+    *("error", "joint"),
+    *COMMANDS,
 }
 """Words in the names of columns that are no measured orientation."""
 
@@ -92,6 +99,7 @@ LOOSE = {name for names in TURNS for name in names if len(name) == 1} | {
 }
 """Names that are an orientation's only if all of it are there."""
 
+_AXES = ("x", "y", "z", "w")
 _BODY = {word: body for body, words in BODIES.items() for word in words}
 _KIND = {word: kind for kind, words in KINDS.items() for word in words}
 
@@ -134,18 +142,22 @@ def meaning_of(text: str) -> tuple[str, str] | None:
     return None if turn is None else (_body(turn), turn["turn"])
 
 
-def group_of(text: str) -> tuple[str, str]:
-    """Return the body and the stem of a name that ends with an axis or a number.
+def group_of(text: str) -> tuple[str, str, int]:
+    """Return the body, the stem and the place in its group of a name that ends with one.
 
-    Empty if it ends with neither, or names what is no orientation.
+    Places are axes, letters or numbers: x, y, z, w or 1, 2, 3. The stem is empty if the name ends
+    with none, and the body if it is of no orientation.
     """
     found = _GROUP.fullmatch(text)
     stem = "" if found is None else found["stem"]
     words = [word for each in (stem, text) for word in re.split(r"[^a-z]+", each) if word[1:]]
     if OTHERS & {*words, stem}:
-        return "", ""
+        return "", "", 0
     body = next((_BODY[word] for word in reversed(words) if word in _BODY), "tip")
-    return body, stem
+    last = "0" if found is None else found["element"]
+    if last.isdecimal():
+        return body, stem, int(last)
+    return body, stem, _AXES.index(last) if last in _AXES else ord(last)
 
 
 def _body(found: re.Match[str]) -> str:

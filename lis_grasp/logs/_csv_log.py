@@ -121,6 +121,10 @@ class CsvLog:
                 )
         return found
 
+    def other_joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
+        """Return nothing: all columns of joints are used."""
+        return {}
+
     def joint_names(self) -> tuple[str, ...]:
         """Return the columns that are not understood; some may be joints."""
         return self._columns.unused

@@ -18,9 +18,10 @@ from lis_grasp.logs.readers import RobotLog
 from lis_grasp.surfaces.contact_places import SMALLEST
 from lis_grasp.typing import FloatArray
 
-_SURE = 3.0  # standard deviations of a mean beyond which a difference is not chance
+_SURE = 2.0  # standard deviations of a mean beyond which a difference is not chance
 _FEWEST = 3  # touches to compare
 _SEEN = 1e-3  # [m] of a mean height beyond errors of poses
+_LESS = 0.7  # ratio of misfit and scatter below which places fit better
 _EQUAL = 0.02  # fraction of a gain by which two readings are equally good
 
 
@@ -100,31 +101,32 @@ def _better_directions(
 def _better_places(
     used: Touches, others: Mapping[str, Touches]
 ) -> dict[str, tuple[float, float, float]]:
-    """Return readings whose places contradict each other less: gain [m], and heights [mm].
+    """Return readings whose places contradict each other less: gain, and heights [mm].
 
     A touch before the surface that another one touched, seen along its approach, is possible on
-    concave objects alone.
+    concave objects alone, and an offset that is turned wrongly scatters the places.
     """
     better = {}
-    own = _heights(used)
-    for advice, other in others.items() if len(own) >= _FEWEST else ():
-        theirs = _heights(other)
-        if len(own) != len(theirs):
-            continue
-        gain = own - theirs
-        signs = np.sign(gain)  # a sign test: few touches are far off
-        chance = _SURE * np.sqrt(np.count_nonzero(signs))
-        if signs.sum() > chance and gain.mean() > max(_SEEN, 0.5 * own.mean()):
-            better[advice] = float(gain.mean()), 1e3 * float(theirs.mean()), 1e3 * float(own.mean())
+    own, spread = _misfit(used)
+    if own > _SEEN and len(used.times) >= _FEWEST:
+        for advice, other in others.items():
+            theirs, narrow = _misfit(other)
+            same = len(other.times) == len(used.times)
+            ratio = theirs * narrow / (own * spread)
+            if same and theirs < own and narrow < spread and ratio < _LESS:
+                better[advice] = 1.0 - ratio, 1e3 * theirs, 1e3 * own
     return better
 
 
-def _heights(touches: Touches) -> FloatArray:
-    """Return how far other touches stand before the place of each one, on average, (N,) [m]."""
+def _misfit(touches: Touches) -> tuple[float, float]:
+    """Return how far touches stand before the places of others, and their scatter, means [m]."""
     known = np.any(touches.approach, axis=1)
     centers, outward = touches.centers[known], -touches.approach[known]
+    if not len(centers):
+        return 0.0, 0.0
     heights = np.einsum("nmi,ni->nm", centers[None] - centers[:, None], outward)  # (N, N)
-    return np.asarray(np.maximum(heights, 0.0).sum(axis=1) / max(len(centers), 1))
+    scatter = np.linalg.norm(centers - centers.mean(axis=0), axis=1)
+    return float(np.maximum(heights, 0.0).mean()), float(scatter.mean())
 
 
 def question_directions(touches: Touches, detection: TouchDetection) -> None:

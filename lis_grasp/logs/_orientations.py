@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.csv_tables import ANGLES, numbers_of, read_table, without_unit
+from lis_grasp.io.csv_tables import ANGLES, numeric_column, read_table, without_unit
 from lis_grasp.logs._column_names import COUNTS, IN_DEGREES, TURNS, Orientation, group_of
 from lis_grasp.logs._columns import LogColumns
 from lis_grasp.typing import FloatArray
@@ -128,7 +128,7 @@ def quaternions_of(turns: Turns, given: Orientation | None, columns: LogColumns)
     table, path = turns.table, columns.path
     if form in ("xyzw", "wxyz"):
         return table if form == "xyzw" else np.roll(table, -1, axis=1)
-    known: BoolArray = np.isfinite(table).all(axis=1)
+    known = np.asarray(np.isfinite(table).all(axis=1), dtype=np.bool_)
     quaternions = np.full((len(table), 4), np.nan)
     if form == "matrix":
         matrices = table.reshape(-1, 3, 3)
@@ -200,6 +200,8 @@ def _by_data(columns: LogColumns, angles: Unit | None) -> list[Turns]:
     found = []
     for titles, table in _unused_groups(columns):
         forms = _forms_of(table)
+        if len(titles) == 4 and [without_unit(title)[0][-1] for title in titles] == [*"xyzw"]:
+            forms = forms[1:]
         units = {without_unit(title)[1] for title in titles} - {""}
         if forms and units <= ANGLES.keys():
             body = group_of(without_unit(titles[0])[0])[0]
@@ -213,11 +215,15 @@ def _unused_groups(columns: LogColumns) -> Iterator[tuple[tuple[str, ...], Float
     names, rows = read_table(columns.path)
     numbers, stems = {}, defaultdict(list)
     for title in columns.unused:
-        body, stem = group_of(without_unit(title)[0])
-        if body and (column := numbers_of(rows, names.index(title))) is not None:
+        body, stem, place = group_of(without_unit(title)[0])
+        if body and (column := numeric_column(rows, names.index(title))) is not None:
             numbers[title] = column
-            stems[stem].append(title)
-    groups = [titles for stem, titles in stems.items() if stem and len(titles) > 1]
+            stems[stem].append((place, title))
+    groups = [
+        [title for _, title in sorted(titles)]
+        for stem, titles in stems.items()
+        if stem and len(titles) > 1
+    ]
     grouped = {title for titles in groups for title in titles}
     for free, run in groupby(names, lambda name: name in numbers and name not in grouped):
         groups += [list(run)] if free else []

@@ -52,6 +52,9 @@ class RobotLog(Protocol):
     def joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
         """Return the positions of the logged joints, from each of their sources."""
 
+    def other_joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
+        """Return the positions of joints on topics that the user left out."""
+
     def joint_names(self) -> tuple[str, ...]:
         """Return the names of joints, or what may be joints."""
 
