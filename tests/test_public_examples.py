@@ -18,7 +18,7 @@ _NAMES = [*lis_grasp.__all__, *(f"pipeline.{name}" for name in pipeline.__all__)
 _NAMES += [f"drake.{name}" for name in drake.__all__]
 # Examples that simulate a lift.
 _SLOW = {"run", "Run", "lift", "pipeline.lift_each", "pipeline.lift_file"}
-_SLOW |= {"pipeline.run", "pipeline.Run", "pipeline.lift"}
+_SLOW |= {"pipeline.run", "pipeline.Run", "pipeline.lift", "pipeline.label_file"}
 
 
 def _marked(name: str) -> object:

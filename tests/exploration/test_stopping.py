@@ -157,6 +157,7 @@ def test_a_resumed_exploration_ends_at_the_same_prediction(lost_at: int | None) 
         assert again <= predictions  # what decided nothing is not predicted again
 
 
+@pytest.mark.slow
 def test_an_estimate_that_cannot_be_meshed_allows_no_grasp() -> None:
     nothing = Analytic(lambda p: np.ones(p.shape[:-1]), cube_bounds(0.06))  # has no inside
     scenario = Scenario.from_config(RunConfig(until_success=0.5), BOX, HAND)

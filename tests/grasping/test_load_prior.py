@@ -81,6 +81,7 @@ def test_unseen_ends_displace_the_centre_of_mass_by_their_standard_deviation() -
     assert next(iter(LoadPrior().centers()))[1] == 1.0
 
 
+@pytest.mark.slow
 def test_a_bar_with_an_unseen_end_is_predicted_to_be_lost_more_often() -> None:
     bar, hand = trimesh.creation.box((0.03, 0.08, 0.03)), Hand.load("allegro")
     seen, unseen = (
