@@ -100,6 +100,7 @@ def test_a_good_grasp_ends_the_exploration_if_two_more_contacts_confirm_it() -> 
     assert not list(predictions)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lost_at", [None, 9])
 def test_a_resumed_exploration_ends_at_the_same_prediction(lost_at: int | None) -> None:
     class Line:

@@ -57,6 +57,7 @@ def _best(**load: float) -> float:
     return search.grasps[0].quality["success_probability"]
 
 
+@pytest.mark.slow
 def test_heavy_objects_are_predicted_to_be_held_less_often() -> None:
     found = [_best(mass=mass) for mass in (0.2, 10.0)]
     assert found[-1] < 0.1 * found[0]

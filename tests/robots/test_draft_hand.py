@@ -65,6 +65,7 @@ def test_a_draft_is_healthy_and_has_the_fingers_and_pads_of_the_shipped_hand(
         assert axis @ expected > np.cos(0.8)
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_bytes() -> None:
     again = draft_hand(urdf_of("wsg50"), name="wsg50", rng=np.random.default_rng(0))
     first, second = draft("wsg50"), again

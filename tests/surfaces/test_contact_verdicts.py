@@ -170,9 +170,8 @@ def test_chords_of_balls_cylinders_and_plates_favour_the_true_signs(surface: str
     np.testing.assert_allclose(np.delete(evidence.pairs()[1][7], 7), -np.delete(chords[7], 7))
 
 
-@pytest.mark.parametrize(
-    ("shape", "draw"), [pytest.param("dish", "even", marks=pytest.mark.slow), ("hook", "random")]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("shape", "draw"), [("dish", "even"), ("hook", "random")])
 def test_nearly_any_flipped_normal_beside_thin_walls_is_found(shape: str, draw: str) -> None:
     sheet = contact_set(shape, ContactCase(draw, 40), seed=5).exact
     found = 0
