@@ -73,6 +73,7 @@ def test_equal_seeds_give_equal_bytes() -> None:
     assert texts[0] == texts[1]
 
 
+@pytest.mark.slow
 def test_links_without_a_mass_are_named_in_a_note(tmp_path: Path) -> None:
     urdf = tmp_path / "jaw.urdf"
     urdf.write_text(re.sub(r'<mass value="0\.\d+"/>', "", urdf_of("wsg50").read_text()))
