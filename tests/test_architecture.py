@@ -36,6 +36,7 @@ LAYERS = [
     ["meshing"],
     ["exploration"],
     ["robots"],
+    ["world"],
     ["logs"],
     ["grasping"],
     ["arms"],

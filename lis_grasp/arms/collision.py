@@ -61,8 +61,8 @@ class StationChecker:
             kept_off = np.concatenate([np.ones(self._of_arm, dtype=bool), of_hand])
             margins = np.full(len(bodies), margin)
             self._obstacles.append(_Obstacle("object", mesh, kept_off, margins))
-        if station.table is not None and station.table.obstacles is not None:
-            beside = station.table.obstacles
+        beside = None if station.table is None else station.table.surroundings.mesh
+        if beside is not None:
             self._obstacles.append(
                 _Obstacle("obstacle", beside, self._above_table, self._clearance)
             )

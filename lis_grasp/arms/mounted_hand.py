@@ -8,7 +8,6 @@ from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
 from lis_grasp.exceptions import InvalidHandError, InvalidOptionError
 from lis_grasp.geometry import (
@@ -28,6 +27,7 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.pose_ik import ArmSolutions
 from lis_grasp.robots.robot_model import links_fixed_to
 from lis_grasp.typing import BoolArray, FloatArray
+from lis_grasp.world import ALONE, Surroundings
 
 CLEARANCE = 0.005
 """Least distance of the hand, in all its postures, from the last two links of the arm [m]."""
@@ -156,13 +156,13 @@ def _nearest(arm: Arm, hand: Hand, X_FB: FloatArray) -> tuple[str, str] | None:
 class Table:
     """A table with a flat top, on which the object is; the arm's base is on it or beside it.
 
-    Other fixed things there are obstacles.
+    Other bodies may be beside the object.
     """
 
     height: float = 0.0  # of the top in W [m]
     half_width: float = 0.75  # along W's x and y from `center` [m]
     center: tuple[float, float] = (0.0, 0.0)  # x and y in W [m]
-    obstacles: trimesh.Trimesh | None = None  # in W [m], beside the object; None without any
+    surroundings: Surroundings = ALONE  # in W, beside the object
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
@@ -214,6 +214,16 @@ class MountedHand:
     def moved(self: _Mounted, X_WA: npt.ArrayLike) -> _Mounted:
         """Return the same arm and hand with its base at another pose (4, 4)."""
         return replace(self, X_WA=as_pose(X_WA))
+
+    def in_frame(self: _Mounted, X_WF: FloatArray) -> _Mounted:
+        """Return the same in a frame F, whose pose in the present W is `X_WF` (4, 4).
+
+        The table stays level at its height.
+        """
+        table = self.table
+        if table is not None:
+            table = replace(table, surroundings=table.surroundings.in_frame(X_WF))
+        return replace(self, X_WA=as_pose(inverse_pose(X_WF) @ self.X_WA), table=table)
 
     @cached_property
     def X_FH(self) -> FloatArray:

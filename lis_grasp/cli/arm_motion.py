@@ -24,7 +24,8 @@ from lis_grasp.results.summary import REJECTIONS
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import ARM_NAMES
-from lis_grasp.stages.configured_arm import base_at, find_obstacles
+from lis_grasp.stages.configured_arm import base_at
+from lis_grasp.stages.surroundings import find_surroundings
 from lis_grasp.task.recorded_facts import read_facts, recorded_base
 from lis_grasp.task.task import Task
 
@@ -66,11 +67,11 @@ def execute(options: argparse.Namespace) -> None:
     if mesh is None:
         say(f"warning: without {surface} the paths do not avoid the object")
     height = float(recorded.get("support_height", 0.0))
-    arm, obstacles = Arm.load(name), find_obstacles(task)
+    arm, surroundings = Arm.load(name), find_surroundings(task)
     with Stage(f"Planning the motion of {arm.name} with {hand.name}") as stage:
         rank, station, motion = _first_motion(
             grasps,
-            _stations(options, recorded, arm, hand, Table(height, obstacles=obstacles)),
+            _stations(options, recorded, arm, hand, Table(height, surroundings=surroundings)),
             mesh,
             rng=np.random.default_rng(task.seed),
         )

@@ -18,6 +18,7 @@ from lis_grasp.task.scene_file import SCHEMA_NAME, is_scene_file, load_scene, wr
 from lis_grasp.task.task import (
     IDEAL_SENSOR,
     LIFTING,
+    OLD_NAMES,
     Task,
     option_default,
     option_kind,
@@ -31,7 +32,7 @@ _OBJECT, _CONDITIONS = ("size", "units", "up"), ("pose", "region", "free", "load
 TOUCH = tuple(
     name
     for name in _OPTIONS
-    if name not in ("object", *_OBJECT, *_CONDITIONS, "free_space", "obstacles", *LIFTING)
+    if name not in ("object", *_OBJECT, *_CONDITIONS, "free_space", *LIFTING)
 )
 """Options of an exploration, beside its object."""
 
@@ -63,7 +64,8 @@ def _add(
     text = _text(_OPTIONS[name]) + (f" (default: {default})" if default else "")
     flag = f"--{name.replace('_', '-')}"
     kind = _kind(_OPTIONS[name], option_kind(name), option_default(name))
-    group.add_argument(flag, default=None, help=text, **kind)
+    old = [f"--{before}" for before, now in OLD_NAMES.items() if now == name]
+    group.add_argument(flag, *old, default=None, help=text, **kind)
 
 
 def add_declared(

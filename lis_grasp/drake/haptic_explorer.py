@@ -164,7 +164,7 @@ class HapticExplorer(LeafSystem):
         self._strategy = ExplorationStrategy(chooses, touches, space, stop)
         self._mover: Mover
         if station is not None:
-            station = station.moved(inverse_pose(self._X_WE) @ station.X_WA)
+            station = station.in_frame(self._X_WE)
             self._mover = ArmMover(station, ProbePlanner(hand.hand, station), X_WE)
         elif home is None:
             raise InvalidOptionError(

@@ -20,6 +20,7 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import by_joint_kind
 from lis_grasp.shapes.object_mass import GRAVITY, USUAL_FRICTION, USUAL_MASS, require_load
 from lis_grasp.typing import FloatArray
+from lis_grasp.world import ALONE, Surroundings
 
 # A hand of 1 kg follows 1 g within 1 mm.
 WRIST_STIFFNESS = (2e4, 3e2)
@@ -72,6 +73,7 @@ class LiftSetup:
     #: wrist. It stops at a contact of its own links or when a joint needs more than its largest
     #: effort, and shakes as far as its limits allow: forces on the object make up for the rest
     arm: ArmLift | None = None
+    surroundings: Surroundings = ALONE  #: the true bodies beside the object, in W
 
     def __post_init__(self) -> None:
         if not self.mesh.is_watertight:

@@ -134,7 +134,7 @@ def explore(
     >>> exploration.made
     3
     """
-    later = {"object", "hand", "obstacles", "free_space", *LIFTING}
+    later = {"object", "hand", "free_space", *LIFTING}
     require_options(options, {"known", *task_options()} - later)
     return touch(_scenario(object, hand, {"seed": seed_of(rng, options), **options}))
 
@@ -165,7 +165,7 @@ def plan(
     options
         See `Task.of`: ``grasps`` (their number), ``friction``, ``mass`` [kg] or else
         ``load="unknown"``, ``size`` [m], ``units``, ``up``, ``arm``, ``base`` [m], and
-        ``obstacles``, the path of a mesh [m] in O that hand and arm must not hit.
+        ``world``, the path of the bodies beside the object, in O.
 
     Raises
     ------
@@ -182,7 +182,7 @@ def plan(
     >>> search.best.hand, search.best.pose.shape
     ('wsg50', (4, 4))
     """
-    require_options(options, (*_LOAD, "grasps", "obstacles", "seed"))
+    require_options(options, (*_LOAD, "grasps", "world", "seed"))
     require_one_load(options)
     named, options["seed"] = object_name(mesh), seed_of(rng, options)
     task = Task.of(named, known=True, hand=hand_name(hand), **options)

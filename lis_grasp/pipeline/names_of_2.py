@@ -34,7 +34,11 @@ class RunConfig(Task):
 
     def __init__(self, object: Any = None, **options: Any) -> None:
         given = options if object is None else {"object": object, **options}
-        parts = {name: given.pop(name) for name in PARTS if name in given}
+        parts = {
+            name: given.pop(name)
+            for name, part in PARTS.items()
+            if isinstance(given.get(name), part)
+        }
         start = Task(**parts) if parts else Task.of(**KNOWN)
         task = start.having(**given)
         super().__init__(task.world, task.robot, task.known, task.decide, task.seed)

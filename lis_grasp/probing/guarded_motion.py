@@ -23,6 +23,7 @@ from lis_grasp.robots.link_bodies import balls_inside
 from lis_grasp.robots.robot_model import ProbePosture
 from lis_grasp.shapes.mesh_distance import any_inside
 from lis_grasp.typing import FloatArray
+from lis_grasp.world import ALONE, Surroundings
 
 TOUCHING = 2e-5
 """Distance below which two bodies touch [m]."""
@@ -49,6 +50,7 @@ class GuardedMotion:
 
     Probes, obstacles and courses are in the frame E in which the hand is commanded. It is O until
     `place_object` moves the object. With a `station`, probes are within the reach of its arm.
+    `surroundings` are the true bodies beside the object, `known` those that plans avoid.
     """
 
     def __init__(
@@ -58,8 +60,11 @@ class GuardedMotion:
         station: Station | None = None,
         *,
         probe_speed: float = PROBE_SPEED,
+        surroundings: Surroundings = ALONE,
+        known: Surroundings = ALONE,
     ) -> None:
-        self._planner = ProbePlanner(hand, station, probe_speed=probe_speed)
+        self._planner = ProbePlanner(hand, station, probe_speed=probe_speed, known=known)
+        self._surroundings = surroundings
         if not mesh.is_watertight:
             raise InvalidMeshError("touching needs a watertight mesh: load it with `shapes.load`")
         self._mesh = mesh

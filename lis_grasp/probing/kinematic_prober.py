@@ -19,6 +19,7 @@ from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import Joint
 from lis_grasp.typing import FloatArray
+from lis_grasp.world import ALONE, Surroundings
 
 Fingers = Literal["one", "all"]
 
@@ -34,7 +35,8 @@ class KinematicProber:
     The hand moves until its first link touches (`GuardedMotion`). The contact is the point of the
     object that the link touches, with the normal of the triangle there. With `fingers` ``"one"``
     the first touch ends a probe. With ``"all"`` the others then extend, and each that touches adds
-    a contact. With a `station`, probes must be within the reach of its arm.
+    a contact. With a `station`, probes must be within the reach of its arm. `surroundings` are the
+    true bodies beside the object, `known` those that the approach avoids.
 
     Raises `InvalidHandError` if the hand has no probe posture, `InvalidMeshError` if the mesh of
     the true object in O [m] is not watertight.
@@ -47,8 +49,10 @@ class KinematicProber:
         *,
         fingers: Fingers = "one",
         station: Station | None = None,
+        surroundings: Surroundings = ALONE,
+        known: Surroundings = ALONE,
     ) -> None:
-        self._motion = GuardedMotion(hand, mesh, station)
+        self._motion = GuardedMotion(hand, mesh, station, surroundings=surroundings, known=known)
         self._extender = FingerExtender(hand, mesh) if fingers == "all" else None
         self._link_fingers = hand.link_fingers
 

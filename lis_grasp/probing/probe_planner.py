@@ -32,6 +32,7 @@ from lis_grasp.probing.course import Leg
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
+from lis_grasp.world import ALONE, Surroundings
 
 # An arm keeps the hand this far off the table [m], because it sags a little.
 _ARM_ERROR = 0.003
@@ -47,14 +48,21 @@ _FRACTIONS = (0.6, 0.3)
 class ProbePlanner:
     """Plans probes of a hand, free or on a station's arm, from what is known of the object.
 
+    `known` are the bodies beside it.
+
     Without a probe posture, raises InvalidHandError.
     """
 
     def __init__(
-        self, hand: Hand, station: Station | None = None, *, probe_speed: float = PROBE_SPEED
+        self,
+        hand: Hand,
+        station: Station | None = None,
+        *,
+        probe_speed: float = PROBE_SPEED,
+        known: Surroundings = ALONE,
     ) -> None:
         self._hand, self._probe_speed = hand, probe_speed
-        self._approaches = ApproachPlanner(hand, station)
+        self._approaches = ApproachPlanner(hand, station, obstacles=known.mesh)
         self._transits = None if station is None else ArmTransits(station)
         self._checker = HandCollisionChecker(hand)
         self._poses = {

@@ -55,7 +55,7 @@ def grasp_file(
     `support` is the height of the plane under the object [m], by default the recorded one: for an
     estimate the table's, else the lowest contact's; otherwise the mesh's lowest point. The
     options are ``hand``, ``arm``, ``base``, ``mass``, ``friction``, ``load``, ``grasps``,
-    ``obstacles``, ``seed``, ``units`` and ``up``, by default as recorded in the file, else as in
+    ``world``, ``seed``, ``units`` and ``up``, by default as recorded in the file, else as in
     `Task`.
 
     Raises `InvalidOptionError` if a value is out of range, `InvalidFileError` or `InvalidMeshError`

@@ -106,8 +106,6 @@ def lifting_of(path: Path, options: Mapping[str, Any], progress: Progress) -> Li
     poses = {**recorded, "X_EA": recorded_base(options, recorded)}
     scenario = Scenario.from_config(task, recorded=poses)
     say_repairs(scenario.truth.shape, progress)
-    if task.known.obstacles is not None:
-        progress.say("the lift is simulated without the obstacles")
     require_simulator(task.world.simulator, scenario.truth.shape)
     surface = path.with_name("surface.ply")
     avoided = scenario.agent.station is not None and surface.exists()

@@ -21,7 +21,7 @@ from lis_grasp.results.run_results import SOURCES, Run
 from lis_grasp.results.summary import headline, run_lines
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
-from lis_grasp.stages.configured_arm import find_obstacles
+from lis_grasp.stages.surroundings import find_surroundings
 from lis_grasp.task.recorded_facts import read_facts
 from lis_grasp.task.task import Task
 from lis_grasp.visualization.scene import Scene
@@ -58,7 +58,7 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
         if run.truth is not None:
             content |= {"truth": run.truth.mesh, "title": f"lis_grasp: {run.truth.name}"}
     with suppress(LisGraspError):  # the page is complete without them
-        content["obstacles"] = find_obstacles(Task.from_facts({}, facts))
+        content["surroundings"] = find_surroundings(Task.from_facts({}, facts))
     if facts.get("arm") is not None and "X_EA" in facts:
         height = facts.get("support_height")
         table = None if height is None else Table(float(height))

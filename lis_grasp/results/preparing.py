@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.results.notes import say_object
 from lis_grasp.results.progress import Progress
 from lis_grasp.robots.inertias import require_possible_inertias
@@ -12,13 +11,8 @@ from lis_grasp.task.task import Task
 
 
 def require_runnable(task: Task) -> None:
-    """Raise `InvalidOptionError` for obstacles, and for slides that are not permitted."""
+    """Raise `InvalidOptionError` for slides that are not permitted."""
     task.require_slides()
-    if task.known.obstacles is not None:
-        raise InvalidOptionError(
-            "a run simulates no obstacles: plan with them on its surface.ply, by lis-grasp grasp",
-            option="obstacles",
-        )
 
 
 def prepared(task: Task, progress: Progress) -> Scenario:

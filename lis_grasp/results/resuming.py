@@ -51,7 +51,7 @@ def exploration_header(scenario: Scenario) -> str:
     task = scenario.task
     is_pushed, ends_on_grasp = task.world.is_free, task.decide.until_success is not None
     loads = () if is_pushed or ends_on_grasp else ("mass", "friction")
-    later = (*LIFTING, "obstacles", *loads)
+    later = (*LIFTING, *loads)
     facts = {name: value for name, value in task.facts().items() if name not in later}
     poses = {name: value for name, value in scenario.facts().items() if name != "X_EO"}
     return provenance.describe(**facts, **poses)

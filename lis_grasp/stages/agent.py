@@ -6,23 +6,22 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import trimesh
-
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Region, Workspace
 from lis_grasp.exploration.extent import End, unseen_ends
-from lis_grasp.geometry import inverse_pose
 from lis_grasp.robots.hand import Hand
-from lis_grasp.stages.configured_arm import find_obstacles, make_station
+from lis_grasp.stages.configured_arm import make_station
 from lis_grasp.stages.contact_sources import load_cloud
 from lis_grasp.stages.estimate import Perception
 from lis_grasp.stages.load import KnownLoad
+from lis_grasp.stages.surroundings import find_surroundings
 from lis_grasp.task.decide import Decide
 from lis_grasp.task.known import Known
 from lis_grasp.task.robot import Robot
 from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
+from lis_grasp.world import ALONE, Surroundings
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)  # no slots: for cached_property
@@ -50,7 +49,7 @@ class Agent:
     on_table: bool  #: whether that plane is a table; else the object is held in the air
     may_slide: bool = False  #: whether fingertips may slide along the object
     load: KnownLoad  #: mass and friction of the object
-    keep_out: trimesh.Trimesh | None = None  #: what hand and arm must not hit [m]
+    surroundings: Surroundings = ALONE  #: known bodies beside the object
 
     @classmethod
     def of(
@@ -72,19 +71,21 @@ class Agent:
         """
         robot, known = task.robot, task.known
         hand = Hand.load(robot.hand) if hand is None else hand
-        keep_out = find_obstacles(task)
+        surroundings = find_surroundings(task)
         return Agent(
             robot=robot,
             known=known,
             decide=task.decide,
             seed=task.seed,
             hand=hand,
-            station=make_station(robot, hand, Table(support_height, obstacles=keep_out), X_EA),
+            station=make_station(
+                robot, hand, Table(support_height, surroundings=surroundings), X_EA
+            ),
             support_height=support_height,
             on_table=task.on_table,
             may_slide=task.may_slide,
             load=KnownLoad.of(task),
-            keep_out=keep_out,
+            surroundings=surroundings,
         ).placed(space)
 
     def placed(self, space: Workspace | Region | None) -> Agent:
@@ -122,6 +123,5 @@ class Agent:
 
     def in_frame(self, X_EF: FloatArray) -> Agent:
         """Return the same in a frame F, whose pose in the present frame E is `X_EF` (4, 4)."""
-        if self.station is None:
-            return self
-        return replace(self, station=self.station.moved(inverse_pose(X_EF) @ self.station.X_WA))
+        station = None if self.station is None else self.station.in_frame(X_EF)
+        return replace(self, station=station, surroundings=self.surroundings.in_frame(X_EF))

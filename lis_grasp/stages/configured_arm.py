@@ -1,4 +1,4 @@
-"""The arm of a task: its base at the table, its obstacles, and the facts of both in headers."""
+"""The arm of a task: its base at the table, and the facts of both in headers."""
 
 from __future__ import annotations
 
@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import trimesh
 
 from lis_grasp.arms.placement import choose_base
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.geometry import make_pose, require_pose
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
-from lis_grasp.shapes.loading import load_obstacles
 from lis_grasp.task.robot import Robot
-from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
 
 
@@ -29,12 +26,6 @@ def make_station(robot: Robot, hand: Hand, table: Table, X_EA: FloatArray | None
     if robot.base is None:
         return choose_base(arm, hand, table=table)
     return Station.make(arm, hand, base_at(robot.base, table.height), table=table)
-
-
-def find_obstacles(task: Task) -> trimesh.Trimesh | None:
-    """Return the obstacles of a task, None without any; for errors see `load_obstacles`."""
-    path = task.known.obstacles
-    return None if path is None else load_obstacles(path)
 
 
 def base_at(place: Sequence[float], height: float) -> FloatArray:

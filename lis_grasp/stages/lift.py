@@ -66,6 +66,7 @@ def lift_object(
         truth.friction,
         options or lift_options(agent) or LiftOptions(),
         truth.X_EO,
+        surroundings=truth.surroundings,
     )
     if agent.station is None and scenario.task.world.simulator == "mujoco":
         from lis_grasp.simulation.mujoco.lift import simulate_in_mujoco

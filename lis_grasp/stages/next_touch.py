@@ -197,7 +197,7 @@ def next_touch_after(
 ) -> NextTouch:
     """Return the next touch in a state of an exploration; see `next_touch`."""
     hand, rng, policy = agent.hand, exploration_rng(agent), plain_value(agent.decide.policy)
-    planner = ApproachPlanner(hand, obstacles=agent.keep_out)
+    planner = ApproachPlanner(hand, obstacles=agent.surroundings.mesh)
     rng.spawn(len(state.observations) or len(state.prior))  # the generators of earlier probes
     blocked = 0
     while blocked < MOST_BLOCKED:

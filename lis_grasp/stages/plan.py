@@ -33,7 +33,11 @@ def plan_grasps(
     """
     load = agent.load.of_mesh(mesh)
     sampler = ForceClosureSampler(
-        agent.hand, load, candidates=candidates, station=agent.station, obstacles=agent.keep_out
+        agent.hand,
+        load,
+        candidates=candidates,
+        station=agent.station,
+        obstacles=agent.surroundings.mesh,
     )
     rng = Stream.GRASP.rng(agent.seed)
     height, count = agent.support_height, agent.decide.grasps

@@ -21,6 +21,7 @@ from lis_grasp.stages.random_streams import Stream
 from lis_grasp.task.task import Task
 from lis_grasp.task.world import World
 from lis_grasp.typing import FloatArray
+from lis_grasp.world import ALONE, Surroundings
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
@@ -39,6 +40,7 @@ class Truth:
     X_WO: FloatArray  #: (4, 4), the pose of `shape`; the identity for its mesh's own
     #: (4, 4), motion of `shape` by touches and grasps, in the frame E of the contacts
     X_EO: FloatArray
+    surroundings: Surroundings = ALONE  #: the bodies beside it, in E
 
     @cached_property
     def shape_now(self) -> Shape:
@@ -111,7 +113,7 @@ class Scenario:
         )
         mass = default_mass(shape.mesh, world.object) if world.mass is None else world.mass
         X_EO = _pose("X_EO", poses.get("X_EO"))
-        return cls(task, Truth(shape, mass, world.friction, X_WO, X_EO), agent)
+        return cls(task, Truth(shape, mass, world.friction, X_WO, X_EO, agent.surroundings), agent)
 
     def after(self, exploration: Exploration, X_EO: FloatArray | None) -> Scenario:
         """Return the scenario after an exploration, in the frame of its contacts.
@@ -120,9 +122,14 @@ class Scenario:
         to the true pose `X_EO` (4, 4); None if it is fixed.
         """
         belief = exploration.belief
-        agent = self.agent if belief is None else self.agent.in_frame(belief.X_WE)
-        after = replace(self, agent=agent)
+        after = self if belief is None else self.in_frame(belief.X_WE)
         return after if X_EO is None else after.moved(X_EO)
+
+    def in_frame(self, X_EF: FloatArray) -> Scenario:
+        """Return the scenario in a frame F of pose `X_EF` (4, 4); the pose of the object stays."""
+        surroundings = self.truth.surroundings.in_frame(X_EF)
+        truth = replace(self.truth, surroundings=surroundings)
+        return replace(self, agent=self.agent.in_frame(X_EF), truth=truth)
 
     def moved(self, X_EO: FloatArray) -> Scenario:
         """Return the scenario with the object at another pose (4, 4) in the frame E."""

@@ -179,6 +179,8 @@ def make_prober(
             force_threshold=sensor.force_threshold or None,  # only a detected touch ends a motion
             station=agent.station,
             arm_use=arm_use,
+            surroundings=truth.surroundings,
+            known=agent.surroundings,
         )
         if world.is_free:
             prober.place_object(truth.X_EO)
@@ -188,7 +190,14 @@ def make_prober(
     from lis_grasp.probing.kinematic_prober import Fingers, KinematicProber
 
     fingers: Fingers = "all" if agent.decide.fingers == "all" else "one"
-    return KinematicProber(agent.hand, mesh, fingers=fingers, station=agent.station)
+    return KinematicProber(
+        agent.hand,
+        mesh,
+        fingers=fingers,
+        station=agent.station,
+        surroundings=truth.surroundings,
+        known=agent.surroundings,
+    )
 
 
 def true_pose(prober: Prober) -> FloatArray | None:

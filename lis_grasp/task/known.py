@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lis_grasp.exploration import DEFAULT_REGION, Region
 from lis_grasp.io.option import option, record_of_options
-from lis_grasp.task.option_groups import GRASPING, TOUCHING
+from lis_grasp.task.option_groups import TOUCHING
 
 
 @record_of_options
@@ -41,11 +41,10 @@ class Known:
         TOUCHING,
         metavar="FILE",
     )
-    obstacles: str | None = option(
+    world: str | None = option(
         None,
-        "mesh file [m] of what hand and arm must not hit on the approach and in the lift, such as a"
-        " shelf or a bin, in the frame of contacts and grasps; it may be open, and is not"
-        " simulated",
-        GRASPING,
+        "bodies beside the object, which hand, arm and what they carry must not hit, such as a bin,"
+        " a shelf or neighbours: model directives of Drake, one of their models, or a mesh [m],"
+        " in the frame of the table",
         metavar="FILE",
     )

@@ -11,8 +11,9 @@ from pydantic import Field, create_model
 
 from lis_grasp.geometry import require_pose
 from lis_grasp.io import provenance
+from lis_grasp.io.option import options_of
 from lis_grasp.io.schemas import Count, FileRecord, Number, Pose, Vector, checked
-from lis_grasp.task.task import PARTS, Task, option_kind, task_options
+from lis_grasp.task.task import PARTS, Task, option_kind
 from lis_grasp.typing import FloatArray
 
 # Type in a file for each type of a task's options.
@@ -45,7 +46,7 @@ RecordedFacts = create_model(  # type: ignore[call-overload]
         name: (_in_file(name, hint), None)
         for record in (*PARTS.values(), Task)
         for name, hint in get_type_hints(record).items()
-        if name in task_options()
+        if name in options_of(record)
     },
 )
 """Facts by name: a task's options, the support, and the poses of object and arm."""
@@ -72,7 +73,7 @@ def located(facts: dict[str, Any], folder: Path) -> dict[str, Any]:
     or else the nearest one around the results that has such a file.
     """
     around = (folder.absolute(), *folder.absolute().parents)
-    for name in ("object", "cloud", "hand", "arm", "obstacles"):
+    for name in ("object", "cloud", "hand", "arm", "world"):
         path = Path(str(facts.get(name) or ""))  # in a report, it may be of any type
         if path.suffix and not os.path.exists(path):
             found = (str(outer / path) for outer in around if os.path.isfile(outer / path))

@@ -16,7 +16,7 @@ from lis_grasp.io.schemas import parse_entry
 from lis_grasp.io.yaml_files import YAML_SUFFIXES, read_yaml
 from lis_grasp.task.task import PARTS, Task, option_default, option_kind, plain_value
 
-_PATHS = ("object", "pose", "hand", "arm", "cloud", "obstacles")
+_PATHS = ("object", "pose", "hand", "arm", "cloud", "world")
 
 
 class InvalidSceneError(InvalidInputError):

@@ -28,6 +28,9 @@ KNOWN: Mapping[str, Any] = MappingProxyType(
 sensor is ideal. Without these, only a region is known, the object is free in a stable pose, and the
 sensor is realistic."""
 
+OLD_NAMES: Mapping[str, str] = MappingProxyType({"obstacles": "world"})
+"""Options by their names in 2.0, with those of today; both are read until 4.0."""
+
 LIFTING = ("grasps", "attempts", "closings", "simulator")
 """Options that the exploration of a run does not depend on."""
 
@@ -110,6 +113,7 @@ class Task:
             left_out |= {"size", "units", "up"}
         facts = dict(KNOWN)
         for values in ({k: v for k, v in recorded.items() if k not in left_out}, given):
+            values = {OLD_NAMES.get(name, name): value for name, value in values.items()}
             facts |= {n: values[n] for n in task_options() if values.get(n) is not None}
         return _made(cls, facts)
 
@@ -208,6 +212,7 @@ def _readers() -> dict[str, Callable[[Task], Any]]:
 
 def _made(cls: type[_Task], options: Mapping[str, Any], start: Task | None = None) -> _Task:
     """Return a task of options by name, the others from `start` or else the defaults."""
+    options = {OLD_NAMES.get(name, name): value for name, value in options.items()}
     require_options(options, task_options())
     parts: dict[str, Any] = {}
     for part, record in PARTS.items():

@@ -76,12 +76,12 @@ def draw_truth(canvas: Canvas, truth: trimesh.Trimesh) -> None:
     canvas.layers.append(Layer("truth", "True object", True, TRUTH_COLOUR, "unknown to the robot"))
 
 
-def draw_obstacles(canvas: Canvas, obstacles: trimesh.Trimesh) -> None:
-    """Draw obstacles, which the hand must not hit, as glass."""
+def draw_surroundings(canvas: Canvas, bodies: trimesh.Trimesh) -> None:
+    """Draw the bodies beside the object as glass."""
     glass = drawing.material(OBSTACLE_COLOUR, roughness=0.9, opacity=0.35)
-    canvas.commands.append(drawing.draw_mesh(f"{ROOT}/obstacles", obstacles, glass))
-    note = "not to be hit by the hand"
-    canvas.layers.append(Layer("obstacles", "Obstacles", True, OBSTACLE_COLOUR, note))
+    canvas.commands.append(drawing.draw_mesh(f"{ROOT}/surroundings", bodies, glass))
+    note = "beside the object, not to be hit"
+    canvas.layers.append(Layer("surroundings", "Other bodies", True, OBSTACLE_COLOUR, note))
 
 
 def marker_size(points: FloatArray, least: float) -> float:

@@ -22,9 +22,9 @@ from lis_grasp.visualization._object_layers import (
     draw_bad_contacts,
     draw_contacts,
     draw_estimates,
-    draw_obstacles,
     draw_pose_track,
     draw_search,
+    draw_surroundings,
     draw_table,
     draw_truth,
     marker_size,
@@ -42,6 +42,7 @@ from lis_grasp.visualization.hand_layers import (
     outlines,
     touch_facts,
 )
+from lis_grasp.world import ALONE, Surroundings
 
 if TYPE_CHECKING:
     from lis_grasp.arms.station import Station
@@ -89,8 +90,8 @@ class Scene:
         The arm that carries the hand, in O.
     support_height
         Height of the table in O [m]; None for the lowest point of the object.
-    obstacles
-        Obstacles for the hand [m], in O.
+    surroundings
+        The bodies beside the object, in O.
     region, search
         The region that contained the object, on the table z = 0, and the outcomes of the search up
         to the first contact.
@@ -122,7 +123,7 @@ class Scene:
     motion: Motion | None = None
     station: Station | None = None
     support_height: float | None = None
-    obstacles: trimesh.Trimesh | None = None
+    surroundings: Surroundings = ALONE
     region: Region | None = None
     search: Sequence[ProbeOutcome] = ()
     moved: Sequence[LoggedProbe] = ()
@@ -179,8 +180,8 @@ class Scene:
         scale = draw_estimates(canvas, surfaces, size)
         if self.truth is not None:
             draw_truth(canvas, self.truth)
-        if self.obstacles is not None:
-            draw_obstacles(canvas, self.obstacles)
+        if self.surroundings.mesh is not None:
+            draw_surroundings(canvas, self.surroundings.mesh)
         draw_contacts(canvas, self.contacts, marker_size(object_points, _LEAST_SIZE))
         bad = self.contacts.subset(list(self.bad_contacts))
         draw_bad_contacts(canvas, bad, marker_size(object_points, _LEAST_SIZE))

@@ -17,6 +17,7 @@ from lis_grasp.grasping.grasps import LIFT, STANDOFF
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.pose_ik import pose_error
+from lis_grasp.world import Body, Surroundings
 
 
 def _base(x: float, z: float = 0.0) -> np.ndarray:
@@ -213,7 +214,7 @@ def test_an_arm_and_the_hand_that_it_carries_avoid_obstacles(
     for height in (0.0, 5.0):
         post = trimesh.creation.box(extents=[0.03, 0.03, 0.5])
         post.apply_translation(place + [0.0, 0.0, height])
-        table = Table(obstacles=post)
+        table = Table(surroundings=Surroundings((Body.of_mesh("post", post),)))
         beside = Station(arm, station.hand, station.X_WA, station.mount, table)
         hits.append(StationChecker(beside, arm_only=arm_only).first_hit(home, q_hand))
     assert hits[0][0] == "obstacle"
@@ -234,7 +235,7 @@ def test_the_arm_keeps_its_distance_from_obstacles(station: Station) -> None:
         # Of the vertices: at least that of the links, which are 5 mm from a vertex at most.
         outside = np.maximum(np.abs(points - center) - half, 0.0)
         nearest = np.linalg.norm(outside, axis=1).min()
-        table = Table(obstacles=post)
+        table = Table(surroundings=Surroundings((Body.of_mesh("post", post),)))
         beside = Station(arm, station.hand, station.X_WA, station.mount, table)
         hit = StationChecker(beside, arm_only=True).first_hit(home, q_hand)
         found.add(hit is None)

@@ -299,7 +299,7 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
         "mass": 0.3,
         "friction": 0.7,
         "grasps": 11,
-        "obstacles": "shelf.stl",
+        "world": "shelf.stl",
         "keep_all": True,
         "attempts": 4,
         "closings": 2,

@@ -34,6 +34,7 @@ from lis_grasp.visualization._drawing import animate, draw_mesh, material, shade
 from lis_grasp.visualization._object_layers import _poses_along, marker_size, motion_paths
 from lis_grasp.visualization.camera import choose_azimuth, outermost, surface_points
 from lis_grasp.visualization.colours import ColourScale, linear_rgb, round_up, viridis
+from lis_grasp.world import Body, Surroundings
 
 
 def _commands(page: str) -> list[dict[str, Any]]:
@@ -63,10 +64,11 @@ def test_page_draws_every_layer_it_offers() -> None:
         assert f"/lis_grasp/{path}" in drawn
 
 
-def test_obstacles_are_a_layer_that_is_drawn() -> None:
-    page = replace(scenes.scene(), obstacles=trimesh.creation.box()).html()
-    assert "obstacles" in [layer["id"] for layer in scenes.facts_of(page)["layers"]]
-    assert any(command["path"].endswith("/obstacles") for command in _commands(page))
+def test_other_bodies_are_a_layer_that_is_drawn() -> None:
+    beside = Surroundings((Body.of_mesh("crate", trimesh.creation.box()),))
+    page = replace(scenes.scene(), surroundings=beside).html()
+    assert "surroundings" in [layer["id"] for layer in scenes.facts_of(page)["layers"]]
+    assert any(command["path"].endswith("/surroundings") for command in _commands(page))
 
 
 def test_the_page_has_the_five_best_grasps() -> None:

@@ -24,6 +24,7 @@ from lis_grasp.simulation.drake._probing_scene import ProbingScene
 from lis_grasp.simulation.drake.object_plant import FreeObject
 from lis_grasp.simulation.drake.transit_scene import TransitScene
 from lis_grasp.typing import FloatArray
+from lis_grasp.world import ALONE, Surroundings
 
 # Free flight needs no dynamics: the simulation starts this far before the first contact [m]; an arm
 # first settles under its load.
@@ -66,6 +67,8 @@ class DynamicProber:
         with a collision of it. None for a hand on a rail.
     arm_use
         Gets what touches demand of the arm; None for a record that nobody reads.
+    surroundings, known
+        The true bodies beside the object, and those that plans avoid.
 
     Raises
     ------
@@ -82,6 +85,8 @@ class DynamicProber:
         force_threshold: float | None = None,
         station: Station | None = None,
         arm_use: ArmUse | None = None,
+        surroundings: Surroundings = ALONE,
+        known: Surroundings = ALONE,
     ) -> None:
         if force_threshold is None:
             force_threshold = 0.2 if free is None else 0.05
@@ -90,7 +95,14 @@ class DynamicProber:
             hand, mesh, force_threshold, free=free, station=station, arm_use=arm_use
         )
         self._speed = PROBE_SPEED if free is None else GENTLE_SPEED
-        self._motion = GuardedMotion(hand, mesh, station, probe_speed=self._speed)
+        self._motion = GuardedMotion(
+            hand,
+            mesh,
+            station,
+            probe_speed=self._speed,
+            surroundings=surroundings,
+            known=known,
+        )
         self._station = station
         self._ways: TransitScene | None = None
         if station is not None:
@@ -119,8 +131,7 @@ class DynamicProber:
         """Give later probes in a frame E with pose X_WE, shape (4, 4), in the arm's world."""
         if self._station is not None:
             self._X_WE = X_WE
-            X_EA = inverse_pose(X_WE) @ self._station.X_WA
-            self._motion.place_station(self._station.moved(X_EA))
+            self._motion.place_station(self._station.in_frame(X_WE))
 
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
         """Carry out one probe; see `Prober`.

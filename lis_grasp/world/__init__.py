@@ -1,0 +1,5 @@
+"""Bodies beside the object: bins, shelves, walls, neighbours; fixed or free."""
+
+from lis_grasp.world.surroundings import ALONE, Body, Surroundings
+
+__all__ = ["ALONE", "Body", "Surroundings"]

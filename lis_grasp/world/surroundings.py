@@ -1,0 +1,187 @@
+"""Records of the bodies beside the object, fixed or free, with their poses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import trimesh
+
+from lis_grasp.exceptions import InvalidOptionError, listed
+from lis_grasp.geometry import apply_pose, inverse_pose
+from lis_grasp.records import FrozenArrays
+from lis_grasp.robots.robot_model import Inertial, LinkGeometry
+from lis_grasp.shapes.mesh_distance import MeshTree, winding_numbers
+from lis_grasp.shapes.object_mass import USUAL_FRICTION
+from lis_grasp.typing import BoolArray, FloatArray
+
+
+@dataclass(frozen=True, eq=False)  # no slots: for cached_property
+class Body(FrozenArrays):
+    """A rigid body beside the object.
+
+    Its frame B is that of its description, E the frame of the contacts.
+
+    Examples
+    --------
+    >>> wall = Body.box("wall", (0.02, 0.4, 0.2), (0.15, 0.0, 0.1))
+    >>> wall.is_fixed, wall.distances(np.array([[0.15, 0.0, 0.3]])).round(3).tolist()
+    (True, [0.1])
+    """
+
+    name: str
+    #: shapes with their poses in B; of kind ``mesh`` they may be open and concave
+    geometries: tuple[LinkGeometry, ...]
+    X_EB: FloatArray  #: (4, 4), its pose
+    inertial: Inertial | None = None  #: of a free body, in B; None for a fixed one
+    friction: float = USUAL_FRICTION  #: Coulomb's coefficient, with all that touches it
+
+    @classmethod
+    def box(
+        cls,
+        name: str,
+        sides: tuple[float, float, float],
+        center: tuple[float, float, float],
+        *,
+        mass: float | None = None,
+    ) -> Body:
+        """Return a box of sides along E's axes about a centre [m]; with a mass [kg] it is free."""
+        mesh = trimesh.creation.box(extents=sides)
+        inertial = None
+        if mass is not None:
+            squares = np.square(sides)
+            inertial = Inertial(mass, np.zeros(3), np.diag(mass / 12.0 * (squares.sum() - squares)))
+        X_EB = np.eye(4)
+        X_EB[:3, 3] = center
+        return cls(name, (LinkGeometry(name, np.eye(4), "box", sides, mesh),), X_EB, inertial)
+
+    @classmethod
+    def of_mesh(cls, name: str, mesh: trimesh.Trimesh) -> Body:
+        """Return a fixed body of a mesh in E [m], which may be open."""
+        return cls(name, (LinkGeometry(name, np.eye(4), "mesh", (), mesh),), np.eye(4))
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether it cannot move."""
+        return self.inertial is None
+
+    @cached_property
+    def mesh_B(self) -> trimesh.Trimesh:
+        """All its shapes as one mesh in B [m]."""
+        parts = [g.mesh.copy().apply_transform(g.X_LG) for g in self.geometries]
+        joined: trimesh.Trimesh = trimesh.util.concatenate(parts)
+        return joined
+
+    @cached_property
+    def mesh(self) -> trimesh.Trimesh:
+        """All its shapes as one mesh in E [m]."""
+        mesh: trimesh.Trimesh = self.mesh_B.copy()
+        return mesh.apply_transform(self.X_EB)
+
+    def distances(self, points: FloatArray) -> FloatArray:
+        """Return the signed distances (P,) of points (P, 3) in E [m], below 0 inside.
+
+        An open shape has no inside.
+        """
+        points_B = apply_pose(inverse_pose(self.X_EB), np.asarray(points, dtype=np.float64))
+        tree, closed = self._queries
+        apart = np.sqrt(tree.nearest(points_B)[0])
+        if not len(closed.faces):
+            return apart
+        inside = winding_numbers(points_B, closed.vertices, closed.faces) > 0.5
+        return np.where(inside, -apart, apart)
+
+    @cached_property
+    def _queries(self) -> tuple[MeshTree, trimesh.Trimesh]:
+        """The distance query of its mesh in B, and the closed parts of that mesh."""
+        parts = self.mesh_B.split(only_watertight=True, repair=False)
+        closed = trimesh.util.concatenate(parts) if len(parts) else trimesh.Trimesh()
+        return MeshTree(self.mesh_B), closed
+
+
+@dataclass(frozen=True, eq=False)  # no slots: for cached_property
+class Surroundings:
+    """The bodies beside the object, with their poses in the frame E of the contacts.
+
+    Raises `InvalidOptionError` if two bodies have the same name.
+
+    Examples
+    --------
+    >>> corner = Surroundings((
+    ...     Body.box("left", (0.02, 0.4, 0.2), (-0.15, 0.0, 0.1)),
+    ...     Body.box("back", (0.4, 0.02, 0.2), (0.0, 0.15, 0.1)),
+    ... ))
+    >>> corner.whose(np.array([[-0.141, 0.0, 0.1], [0.0, 0.0, 0.1]]), band=0.003)
+    ['left', None]
+    """
+
+    bodies: tuple[Body, ...] = ()
+
+    def __post_init__(self) -> None:
+        names = [body.name for body in self.bodies]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise InvalidOptionError(
+                f"each body of a world must have a name of its own; two are called"
+                f" {listed(twice)}: rename one",
+                option="world",
+            )
+
+    def __len__(self) -> int:
+        return len(self.bodies)
+
+    def __iter__(self) -> Iterator[Body]:
+        return iter(self.bodies)
+
+    @property
+    def free(self) -> tuple[Body, ...]:
+        """The bodies that may be pushed."""
+        return tuple(body for body in self.bodies if not body.is_fixed)
+
+    @cached_property
+    def mesh(self) -> trimesh.Trimesh | None:
+        """All bodies as one mesh in E [m]; None without any."""
+        if not self.bodies:
+            return None
+        joined: trimesh.Trimesh = trimesh.util.concatenate([body.mesh for body in self.bodies])
+        return joined
+
+    def in_frame(self, X_EF: FloatArray) -> Surroundings:
+        """Return the same in a frame F, whose pose in the present frame E is `X_EF` (4, 4)."""
+        if np.array_equal(X_EF, np.eye(4)):
+            return self
+        X_FE = inverse_pose(X_EF)
+        return self.placed({body.name: X_FE @ body.X_EB for body in self.bodies})
+
+    def placed(self, poses: Mapping[str, FloatArray]) -> Surroundings:
+        """Return the same with bodies at other poses (4, 4) in E, by their names."""
+        moved = tuple(
+            replace(body, X_EB=np.array(poses[body.name])) if body.name in poses else body
+            for body in self.bodies
+        )
+        return replace(self, bodies=moved)
+
+    def distances(self, points: FloatArray) -> FloatArray:
+        """Return signed distances (P, B) of points (P, 3) from each body [m], below 0 inside."""
+        columns = [body.distances(points) for body in self.bodies]
+        return np.stack(columns, axis=1) if columns else np.empty((len(points), 0))
+
+    def contain(self, points: FloatArray, *, margin: float = 0.0) -> BoolArray:
+        """Return which points (P, 3) are in a body, or within a margin [m] of one, (P,)."""
+        return np.asarray((self.distances(points) < margin).any(axis=1))
+
+    def whose(self, points: FloatArray, *, band: float) -> list[str | None]:
+        """Return for each point (P, 3) the nearest body within a band [m], None if none is."""
+        distances = np.abs(self.distances(points))
+        if not len(self.bodies):
+            return [None] * len(points)
+        nearest = distances.argmin(axis=1)
+        return [
+            self.bodies[k].name if row[k] <= band else None
+            for k, row in zip(nearest, distances, strict=True)
+        ]
+
+
+ALONE = Surroundings()
+"""No other body: the object is alone on its table."""
