@@ -44,10 +44,13 @@ def bytes_of(outcome: ProbeOutcome) -> list[bytes]:
     return [array.tobytes() for array in arrays]
 
 
+@pytest.mark.parametrize(
+    "hand", [pytest.param("allegro", marks=pytest.mark.slow), "wsg50"], indirect=True
+)
 def test_a_ball_is_touched_on_its_surface_with_a_radial_normal(ball_prober: DynamicProber) -> None:
     rng = np.random.default_rng(0)
     distances, angles = [], []
-    for direction in random_directions(8, rng):
+    for direction in random_directions(15, rng):
         offset = np.cross(direction, rng.normal(size=3))
         aim = 0.4 * RADIUS * offset / np.linalg.norm(offset)  # oblique: 24 deg to the normal
         target = aim - np.sqrt(RADIUS**2 - aim @ aim) * direction
