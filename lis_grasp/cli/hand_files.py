@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import next_step, say, say_findings
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.atomic_writing import write_text
@@ -34,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tips", nargs="+", default=(), metavar="LINK", help="links of the fingertips (default:"
         " the leaves of the tree of links)"
     )  # fmt: skip
+    opt.add_xacro_args(new)
     new.add_argument("--seed", type=int, default=0, metavar="N", help="random seed (default: 0)")
     new.set_defaults(execute=write_draft)
     view = actions.add_parser("view", help="write a page with frame H, pads, axes and postures")
@@ -54,6 +56,7 @@ def write_draft(options: argparse.Namespace) -> None:
         name=name,
         base_link=options.base,
         tips=options.tips,
+        xacro_args=opt.xacro_args(options),
         rng=np.random.default_rng(options.seed),
     )
     named = options.description

@@ -36,7 +36,7 @@ from lis_grasp.typing import FloatArray
 _READING = ("units", "normals", "fingertip_radius", "viewpoint")  # what a file does not say
 _NOISE = ("position_noise", "normal_noise")
 _Before: TypeAlias = tuple[Contacts, tuple[Observation, ...], dict[str, Any]]
-_OPTIONS = ("hand", "estimator", "policy", "slide", *_NOISE, "world", "seed", "keep_all")
+_OPTIONS = ("hand", "estimator", "policy", "slide", *_NOISE, "world", "at", "seed", "keep_all")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

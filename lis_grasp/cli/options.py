@@ -117,6 +117,26 @@ def _kind(option: Option, kind: type, default: Any) -> dict[str, Any]:
     return {"metavar": option.metavar} | ({} if kind is str else {"type": kind})
 
 
+def add_xacro_args(group: argparse._ActionsContainer) -> None:
+    """Add the arguments of a xacro file."""
+    group.add_argument(
+        "--xacro-args",
+        nargs="+",
+        default=(),
+        metavar="NAME:=VALUE",
+        help="arguments of FILE, if it is a xacro file",
+    )
+
+
+def xacro_args(options: argparse.Namespace) -> dict[str, str]:
+    """Return the given arguments of a xacro file by name."""
+    parts = [text.partition(":=") for text in options.xacro_args]
+    for text, (name, mark, _) in zip(options.xacro_args, parts, strict=True):
+        if not name or not mark:
+            raise InvalidOptionError.out_of_range("xacro-args", text, "NAME:=VALUE")
+    return {name: value for name, _, value in parts}
+
+
 def given(options: argparse.Namespace, *names: str) -> dict[str, Any]:
     """Return the parsed values of options by name; None for those that are not given."""
     return {name: getattr(options, name) for name in names}

@@ -99,6 +99,7 @@ def default_output(task: Task) -> Path:
     for name, value in facts.items():
         if name not in _NAMED and value != usual[name]:
             shown = Path(value).stem if name in ("cloud", "pose") and value else f"{value}"
+            shown = Path(value).name if name == "world" else shown
             parts.append({"True": name, "False": f"no_{name}"}.get(shown, f"{name}_{shown}"))
     name = "-".join(re.sub(r"[^\w.+-]", "_", part)[:_LONGEST_PART] for part in parts)
     return Path("results") / name

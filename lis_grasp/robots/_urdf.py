@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import re
 import resource
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
+from types import MappingProxyType
 
 import defusedxml.ElementTree
 import numpy as np
@@ -97,7 +99,7 @@ def _has_macros(root: ET.Element) -> bool:
     )
 
 
-def _expand_macros(path: Path) -> ET.Element:
+def _expand_macros(path: Path, given: Mapping[str, str]) -> ET.Element:
     """Return the URDF that xacro makes of a file; packages are found as by `package_folders`."""
     try:
         import_module("xacro")
@@ -107,7 +109,7 @@ def _expand_macros(path: Path) -> ET.Element:
             f" convert it first, as by `xacro {path} > hand.urdf`",
             file=path.name,
         ) from None
-    command = [sys.executable, "-c", _EXPAND, str(path.resolve())]
+    command = [sys.executable, "-c", _EXPAND, str(path.resolve()), json.dumps(dict(given))]
     try:  # in a process of its own: macros are a program, which may have no end
         done = subprocess.run(command, capture_output=True, timeout=_LONGEST, check=False)
     except subprocess.TimeoutExpired:
@@ -122,9 +124,10 @@ def _expand_macros(path: Path) -> ET.Element:
             reason = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
     if asked := _ARGUMENT.search(reason):
         names = [asked[1]] if asked[1] else _arguments(path)
-        given = " ".join(f"{name}:=VALUE" for name in names)
+        asks = " ".join(f"{name}:=VALUE" for name in names)
+        keys = ", ".join(f"{name}: VALUE" for name in names)
         reason += (
-            f": give arguments, as by `xacro {path.name} {given} > hand.urdf`"
+            f": give `xacro_args` {asks}, in a YAML file xacro_args: {{{keys}}}"
             if names
             else ": give the file that calls its macros"
         )
@@ -140,7 +143,7 @@ def _arguments(path: Path) -> list[str]:
 
 def _expand() -> None:
     """Print the URDF of a file as the process of `_expand_macros`, or exit with the reason."""
-    path = Path(sys.argv[1])
+    path, given = Path(sys.argv[1]), _Arguments(json.loads(sys.argv[2]))
     with contextlib.suppress(OSError, ValueError):  # a lower limit holds, or the system has none
         hard = resource.getrlimit(resource.RLIMIT_AS)[1]
         resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, hard))
@@ -159,17 +162,38 @@ def _expand() -> None:
 
     functions["_eval_find"] = find
     try:
-        sys.stdout.write(import_module("xacro").process_file(str(path)).toxml())
+        text = import_module("xacro").process_file(str(path), mappings=given).toxml()
     # xacro raises errors of many types for what it cannot evaluate, some of which say it twice.
     except Exception as error:  # noqa: BLE001
         reason = re.sub(r"<class '[\w.]+'>: ", "", " ".join(str(error).split()))
         sys.exit(re.sub(r"^(.+) \1(?= when evaluating|$)", r"\1", reason) or type(error).__name__)
+    if strange := set(json.loads(sys.argv[2])) - given.asked:
+        known = ", ".join(sorted(given.asked)) or "none"
+        sys.exit(f"it has no argument {', '.join(sorted(strange))}; its arguments are {known}")
+    sys.stdout.write(text)
 
 
-def parse_xml(path: Path) -> ET.Element:
+class _Arguments(dict[str, str]):
+    """Arguments of a xacro file that remember for which ones it asked."""
+
+    def __init__(self, given: Mapping[str, str]) -> None:
+        super().__init__(given)
+        self.asked: set[str] = set()
+
+    def __contains__(self, name: object) -> bool:
+        self.asked.add(str(name))
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        self.asked.add(name)
+        return super().__getitem__(name)
+
+
+def parse_xml(path: Path, xacro_args: Mapping[str, str] = MappingProxyType({})) -> ET.Element:
     """Return the root of an XML file without entities; raise `InvalidFileError` for any other.
 
-    Macros of xacro are expanded, if it is installed; otherwise they raise `InvalidHandError`.
+    Macros of xacro are expanded, with arguments by name, if it is installed; otherwise they raise
+    `InvalidHandError`.
     A prefix of elements that the file does not declare is taken as declared, and ``drake:`` of
     attributes, too. Lines before the XML declaration, such as comments or a program's warnings, are
     left out.
@@ -192,7 +216,15 @@ def parse_xml(path: Path) -> ET.Element:
     except (ET.ParseError, LookupError, ValueError) as error:
         reason = _reason(text, error)
         raise InvalidFileError(f"{path} is not valid XML: {reason}", path=path) from None
-    return _expand_macros(path) if _has_macros(root) else root
+    if _has_macros(root):
+        return _expand_macros(path, xacro_args)
+    if xacro_args:
+        raise InvalidHandError(
+            f"{path} must have xacro macros for the arguments {', '.join(xacro_args)}; it has none:"
+            " leave out `xacro_args`",
+            file=path.name,
+        )
+    return root
 
 
 def _reason(text: bytes, error: Exception) -> str:

@@ -64,8 +64,8 @@ class Scene:
     The fragment of the page's address sets the view, such as ``#t=2.5&play=1``: the time [s],
     whether it plays, ``layers`` (a comma-separated list of ``estimate``, ``truth``, ``contacts``,
     ``normals``, ``free``, ``search``, ``motion``, ``hand``, ``grasp-1`` and so on, ``together``,
-    ``lift``), ``azimuth``, ``elevation`` [deg], ``zoom``, and ``panel``: 0 hides the overlay, 1
-    unfolds and ``fold`` folds it.
+    ``lift``, ``surroundings``, ``free-bodies``), ``azimuth``, ``elevation`` [deg], ``zoom``, and
+    ``panel``: 0 hides the overlay, 1 unfolds and ``fold`` folds it.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class Scene:
     support_height
         Height of the table in O [m]; None for the lowest point of the object.
     surroundings
-        The bodies beside the object, in O.
+        The bodies beside the object, in O, where they are last.
     region, search
         The region that contained the object, on the table z = 0, and the outcomes of the search up
         to the first contact.
@@ -181,8 +181,7 @@ class Scene:
         scale = draw_estimates(canvas, surfaces, size)
         if self.truth is not None:
             draw_truth(canvas, self.truth)
-        if self.surroundings.mesh is not None:
-            draw_surroundings(canvas, self.surroundings.mesh)
+        draw_surroundings(canvas, self.surroundings)
         draw_contacts(canvas, self.contacts, marker_size(object_points, LEAST_SIZE))
         bad = self.contacts.subset(list(self.bad_contacts))
         draw_bad_contacts(canvas, bad, marker_size(object_points, LEAST_SIZE))
@@ -258,6 +257,7 @@ class Scene:
         outline = outermost(drawn)
         if self.region is not None:
             outline = np.vstack([outline, self.region.bounds])
+        outline = np.vstack([outline, *(body.mesh.bounds for body in self.surroundings)])
         return draw_table(canvas, object_points, outline, support_height)
 
     def _draw_hand(self, canvas: Canvas, object_points: FloatArray) -> _ShownHand:
