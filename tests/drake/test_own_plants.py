@@ -263,7 +263,10 @@ def test_the_wrist_is_critically_damped_at_every_time_step(time_step: float) -> 
         assert 0.45 - height(plant, hand, simulator) == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize("hand", HAND_NAMES)
+@pytest.mark.parametrize(
+    "hand",
+    [pytest.param(n, marks=pytest.mark.slow if n == "allegro" else ()) for n in HAND_NAMES],
+)
 def test_the_wrist_holds_every_hand_at_the_longest_steps(hand: str) -> None:
     for time_step in (0.007, 0.1):
         plant, added, simulator = floating(hand, time_step)
