@@ -61,9 +61,9 @@ class GraspPlanner(LeafSystem):
     station
         The arm that must reach the grasps, as a `Station` with its base in E.
     surroundings
-        The bodies beside the object, in E, which the hand and what it carries may not hit.
+        Known bodies in the world, which the hand and what it carries must not hit.
     obstacles
-        The same as one mesh in E [m], which may be open; until 4.0.
+        The same as a mesh [m] in E, which may be open; until 4.0.
     meshcat
         Draws the grasps when they are planned, the best one opaque.
     path
@@ -102,15 +102,15 @@ class GraspPlanner(LeafSystem):
         require_type("obstacles", obstacles, trimesh.Trimesh)
         require_positive(count=count)
         self._hand, self._table, self._count, self._seed = hand.hand, table, count, seed
+        self._X_WE, self._actuated = pose_of(X_WE, "X_WE"), hand.actuated
         self._sampler = ForceClosureSampler(
             hand.hand,
             prior,
             candidates=candidates,
             station=station,
-            surroundings=surroundings,
+            surroundings=surroundings.in_frame(self._X_WE.GetAsMatrix4()),
             obstacles=obstacles,
         )
-        self._X_WE, self._actuated = pose_of(X_WE, "X_WE"), hand.actuated
         self._drawing = None if meshcat is None else Drawing(meshcat, path, self._X_WE)
         empty = Estimate(Contacts.empty(), Perception())
         self._estimate = self.DeclareAbstractInputPort("estimate", AbstractValue.Make(empty))

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, InvalidInputError
+from lis_grasp.exploration.disturbance import Disturbance
 from lis_grasp.exploration.neighbours import BodyTouch
 from lis_grasp.exploration.observations import Observation
 from lis_grasp.exploration.planar_motion import PoseBelief
@@ -32,6 +33,8 @@ class LoggedProbe(Record):
     observation: Observation
     #: (4, 4): true pose of a free object after the probe, in the frame of its contacts
     X_EO: FloatArray | None = None
+    #: what it and earlier probes did to the bodies beside the object; None if as before
+    disturbance: Disturbance | None = None
 
     def __post_init__(self) -> None:
         if self.X_EO is not None:
@@ -90,12 +93,19 @@ class TouchLog:
         """Write the header, if there is none yet."""
         append_lines(self.path, self._header(), [])
 
-    def append(self, observation: Observation, X_EO: FloatArray | None = None) -> None:
+    def append(
+        self,
+        observation: Observation,
+        X_EO: FloatArray | None = None,
+        disturbance: Disturbance | None = None,
+    ) -> None:
         """Add an observation; it is on the disk when this returns.
 
         `X_EO` is the true pose of a simulated free object after it, (4, 4); None if unknown.
+        `disturbance` is what touches did so far to the bodies beside it; None if as before.
         """
-        append_lines(self.path, self._header(), [_row(LoggedProbe(observation, X_EO))])
+        probe = LoggedProbe(observation, X_EO, disturbance)
+        append_lines(self.path, self._header(), [_row(probe)])
 
     def end(self, reason: str) -> None:
         """Mark the exploration as ended, with the reason."""
@@ -153,6 +163,8 @@ def _row(probe: LoggedProbe) -> Row:
     row |= {"refused": refused} if refused else {}
     row |= {} if belief is None else {"tracked_pose": belief.as_dict()}
     row |= {} if probe.X_EO is None else {"simulated_pose": probe.X_EO}
+    if probe.disturbance is not None:
+        row |= {"disturbance": _disturbance_row(probe.disturbance)}
     return _plain(row)
 
 
@@ -162,6 +174,12 @@ def _motion(probe: Probe) -> Row:
 
 def _plain(row: Row) -> Row:
     return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in row.items()}
+
+
+def _disturbance_row(disturbance: Disturbance) -> Row:
+    poses = {name: X.tolist() for name, X in disturbance.poses.items()}
+    contacts, forces = dict(disturbance.contacts), dict(disturbance.forces)
+    return {"contacts": contacts, "forces": forces, "poses": poses}
 
 
 def _logged(path: Path, rows: list[Row]) -> tuple[LoggedProbe, ...]:
@@ -214,7 +232,14 @@ def _probe_of(row: TouchEntry) -> LoggedProbe:
         for one in row.refused
     )
     observation = Observation(outcome, belief, _rows(row.dropped), beside, refused)
-    return LoggedProbe(observation, _array(row.simulated_pose))
+    return LoggedProbe(observation, _array(row.simulated_pose), _disturbance_of(row.disturbance))
+
+
+def _disturbance_of(entry: DisturbanceEntry | None) -> Disturbance | None:
+    if entry is None:
+        return None
+    poses = {name: np.array(X) for name, X in entry.poses.items()}
+    return Disturbance(entry.contacts, entry.forces, poses)
 
 
 def _array(values: Sequence[Any] | None) -> FloatArray | None:
@@ -238,6 +263,14 @@ class BeliefEntry(FileRecord):
     suspicious: bool
     lost: bool
     joined: Pose | None = None
+
+
+class DisturbanceEntry(FileRecord):
+    """A `Disturbance`."""
+
+    contacts: dict[str, Annotated[int, Field(ge=0)]]
+    forces: dict[str, Number]
+    poses: dict[str, Pose]
 
 
 class BodyTouchEntry(FileRecord):
@@ -288,3 +321,4 @@ class TouchEntry(FileRecord):
     refused: list[RefusedEntry] = Field(default_factory=list)
     slides: list[Vector] = Field(default_factory=list)
     slid: Annotated[int, Field(ge=0)] = 0
+    disturbance: DisturbanceEntry | None = None

@@ -21,9 +21,7 @@ from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.stages.configured_arm import station_facts
 from lis_grasp.stages.regrasp import Attempt
 from lis_grasp.stages.scenario import Scenario
-from lis_grasp.typing import FloatArray
 from lis_grasp.version import __version__
-from lis_grasp.world import Body
 
 # Number of points on the true surface that measure the tracking error.
 _SAMPLES = 2000
@@ -151,13 +149,19 @@ def _attempt_facts(attempt: Attempt) -> dict[str, Any]:
 
 
 def world_facts(attempts: Sequence[Attempt]) -> dict[str, Any]:
-    """Return what attempts did to the bodies beside the object; nothing without any.
+    """Return what touches and lifts did to the bodies beside the object; nothing without bodies.
 
-    `forces` are the largest on each touched body [N], `moved` how far free ones moved, all attempts
-    together [mm].
+    By name: `contacts` of touches, `forces`, the largest [N], and `moved`, how far free bodies
+    moved, all together [mm].
     """
-    if not any(len(attempt.scenario.truth.surroundings) for attempt in attempts):
+    truth = attempts[-1].scenario.truth  # before the last grasp
+    if not len(truth.surroundings):
         return {}
+    touch = {
+        "forces": dict(sorted(truth.disturbance.forces.items())),
+        "contacts": dict(sorted(truth.disturbance.contacts.items())),
+        "moved": {name: 1e3 * moved for name, moved in sorted(truth.pushed.items())},
+    }
     forces: dict[str, float] = {}
     moved: dict[str, float] = {}
     for attempt in attempts:
@@ -166,16 +170,9 @@ def world_facts(attempts: Sequence[Attempt]) -> dict[str, Any]:
             forces[name] = max(force, forces.get(name, 0.0))
         for body in attempt.scenario.truth.surroundings.free:
             after = None if outcome is None else outcome.X_EB.get(body.name)
-            distance = 0.0 if after is None else 1e3 * _largest_motion(body, after)
+            distance = 0.0 if after is None else 1e3 * body.displacement(after)
             moved[body.name] = moved.get(body.name, 0.0) + distance
-    return {"world": {"lift": {"forces": forces, "moved": moved}}}
-
-
-def _largest_motion(body: Body, X_EB: FloatArray) -> float:
-    """Return how far the corner of a body's box that moves most is from where it was [m]."""
-    corners = trimesh.bounds.corners(body.mesh_B.bounds)
-    moved = apply_pose(X_EB, corners) - apply_pose(body.X_EB, corners)
-    return float(np.linalg.norm(moved, axis=1).max())
+    return {"world": {"touch": touch, "lift": {"forces": forces, "moved": moved}}}
 
 
 def _use_facts(outcome: LiftOutcome) -> dict[str, Any]:

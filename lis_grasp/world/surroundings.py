@@ -17,6 +17,9 @@ from lis_grasp.shapes.mesh_distance import MeshTree, winding_numbers
 from lis_grasp.shapes.object_mass import USUAL_FRICTION
 from lis_grasp.typing import BoolArray, FloatArray
 
+MOST_BODIES, MOST_TRIANGLES = 50, 200_000
+"""Largest numbers of bodies, and of their triangles, in a world."""
+
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class Body(FrozenArrays):
@@ -80,6 +83,12 @@ class Body(FrozenArrays):
         mesh: trimesh.Trimesh = self.mesh_B.copy()
         return mesh.apply_transform(self.X_EB)
 
+    def displacement(self, X_EB: FloatArray) -> float:
+        """Return the largest displacement of a point of it from another pose (4, 4) [m]."""
+        vertices = np.asarray(self.mesh_B.vertices)
+        apart = apply_pose(self.X_EB, vertices) - apply_pose(X_EB, vertices)
+        return float(np.linalg.norm(apart, axis=1).max())
+
     def distances(self, points: FloatArray) -> FloatArray:
         """Return the signed distances (P,) of points (P, 3) in E [m], below 0 inside.
 
@@ -133,7 +142,8 @@ def _from_boxes(points: FloatArray, half: FloatArray) -> FloatArray:
 class Surroundings:
     """The bodies beside the object, with their poses in the frame E of the contacts.
 
-    Raises `InvalidOptionError` if two bodies have the same name.
+    Raises `InvalidOptionError` if two bodies have the same name, or there are more than
+    `MOST_BODIES` or `MOST_TRIANGLES`.
 
     Examples
     --------
@@ -154,6 +164,14 @@ class Surroundings:
                 f"each body of a world must have a name of its own; two are called"
                 f" {listed(twice)}: rename one",
                 option="world",
+            )
+        triangles = sum(len(g.mesh.faces) for body in self.bodies for g in body.geometries)
+        if len(names) > MOST_BODIES or triangles > MOST_TRIANGLES:
+            raise InvalidOptionError(
+                f"a world must have at most {MOST_BODIES} bodies and {MOST_TRIANGLES} triangles; it"
+                f" has {len(names)} and {triangles}: leave out what is far, or simplify its meshes",
+                option="world",
+                value=max(len(names), triangles),
             )
 
     def __len__(self) -> int:
