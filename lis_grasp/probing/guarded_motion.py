@@ -289,7 +289,7 @@ class GuardedMotion:
         touches = self._checker.place(X_OH, self._poses[finger])
         met = None
         if self._beside is not None:
-            met = self._beside.place_hand(X_EH, self._poses[finger], self._balls[finger])
+            met = self._beside.met_at(X_EH, self._poses[finger], self._balls[finger])
         return OBJECT if touches else met
 
     def _free_start(self, probe: Probe) -> Approach | str:

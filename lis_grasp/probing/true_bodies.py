@@ -34,14 +34,19 @@ class TrueBodies:
         """Give later poses in a frame E with pose X_WE, shape (4, 4)."""
         self._X_WE = X_WE
 
-    def place_hand(self, X_EH: FloatArray, poses: FloatArray, balls: FloatArray) -> str | None:
+    def place_hand(self, X_EH: FloatArray, poses: FloatArray) -> bool:
+        """Place the hand for `nearest`; return whether it meets the surface of a body.
+
+        `poses` (G, 4, 4) are those of `HandCollisionChecker.poses_in_hand`.
+        """
+        return self._checker.place(self._X_WE @ X_EH, poses)
+
+    def met_at(self, X_EH: FloatArray, poses: FloatArray, balls: FloatArray) -> str | None:
         """Place the hand; return the body that a link touches or is in, None if none does.
 
-        `poses` (G, 4, 4) are those of `HandCollisionChecker.poses_in_hand`, `balls` (S, 4) are
-        centres in H and radii [m] of balls inside the links.
+        `balls` (S, 4) are centres in H and radii [m] of balls inside the links.
         """
-        X_WH = self._X_WE @ X_EH
-        meets = self._checker.place(X_WH, poses)
+        X_WH, meets = self._X_WE @ X_EH, self.place_hand(X_EH, poses)
         depths = self._surroundings.distances(apply_pose(X_WH, balls[:, :3])) - balls[:, 3:]
         nearest = depths.min(axis=0)
         if not meets and nearest.min() > 0.0:

@@ -49,6 +49,7 @@ def build_report(
         "seed": task.seed,
         "touches": exploration.made,
         "exploration": exploration_facts(scenario, exploration, last.mesh),
+        **world_facts(last.scenario),
         "repairs": list(scenario.truth.shape.repairs),
         "surface": _surface_facts(last),
         "grasps": _grasp_facts(last),
@@ -91,6 +92,23 @@ def exploration_facts(
         if estimate is None
         else touch_coverage(estimate, contacts, radius=radius),
     }
+
+
+def world_facts(scenario: Scenario) -> dict[str, Any]:
+    """Return what touches did to the bodies beside the object, by name; nothing without bodies.
+
+    They are the largest force [N], the number of contacts, and the displacement of free bodies
+    [mm], in truth. `scenario` is the one before the last grasp.
+    """
+    truth = scenario.truth
+    if not len(truth.surroundings):
+        return {}
+    touch = {
+        "forces": dict(sorted(truth.disturbance.forces.items())),
+        "contacts": dict(sorted(truth.disturbance.contacts.items())),
+        "moved": {name: 1e3 * moved for name, moved in sorted(truth.pushed.items())},
+    }
+    return {"world": {"touch": touch}}
 
 
 def _search_facts(exploration: Exploration) -> dict[str, Any]:

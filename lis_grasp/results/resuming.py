@@ -72,7 +72,7 @@ def exploration_content(task: Task) -> dict[str, str]:
 def _files(task: Task) -> dict[str, Path]:
     """Return the files that an exploration depends on, by the fact that names them."""
     hand, facts = task.robot.hand, task.facts()
-    named = {name: facts[name] for name in ("object", "cloud", "arm")}
+    named = {name: facts.get(name) for name in ("object", "cloud", "arm", "world")}
     files = {name: Path(file) for name, file in named.items() if file and Path(file).is_file()}
     files["hand"] = hand_path(hand)
     plugged = {

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import DEFAULT_REGION, STEP_FRACTION, Exploration, Region, Workspace
+from lis_grasp.exploration.disturbance import Disturbance
 from lis_grasp.geometry import require_pose
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import NAMES, STABLE, UPRIGHT, Shape, default_mass, draw_pose, find, placed
@@ -42,6 +44,9 @@ class Truth:
     #: (4, 4), motion of `shape` by touches and grasps, in the frame E of the contacts
     X_EO: FloatArray
     surroundings: Surroundings = ALONE  #: the bodies beside it, in E
+    disturbance: Disturbance = field(default_factory=Disturbance)  #: of these, by all touches
+    #: how far touches moved any point of each free body beside it [m], at most
+    pushed: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     @cached_property
     def shape_now(self) -> Shape:
@@ -118,19 +123,41 @@ class Scenario:
         X_EO = _pose("X_EO", poses.get("X_EO"))
         return cls(task, Truth(shape, mass, world.friction, X_WO, X_EO, surroundings), agent)
 
-    def after(self, exploration: Exploration, X_EO: FloatArray | None) -> Scenario:
+    def after(
+        self,
+        exploration: Exploration,
+        X_EO: FloatArray | None,
+        disturbance: Disturbance | None = None,
+    ) -> Scenario:
         """Return the scenario after an exploration, in the frame of its contacts.
 
         The frame, and the station in it, moved with the believed object. Touches moved the object
-        to the true pose `X_EO` (4, 4); None if it is fixed. Bodies are where touches showed them.
+        to the true pose `X_EO` (4, 4); None if it is fixed. `disturbance` is what they did to the
+        bodies beside it; None for nothing. Known bodies are where contacts showed them.
         """
-        belief, known, after = exploration.belief, self.agent.known_bodies, self
+        belief, known = exploration.belief, self.agent.known_bodies
+        after = self if disturbance is None else self._disturbed(disturbance)
         touches = [touch for o in exploration.observations for touch in o.beside]
         if known is not None and touches:
             corrected = known.corrected(touches).surroundings
-            after = replace(self, agent=self.agent.knowing(corrected))
+            after = replace(after, agent=self.agent.knowing(corrected))
         after = after if belief is None else after.in_frame(belief.X_WE)
         return after if X_EO is None else after.moved(X_EO)
+
+    def _disturbed(self, disturbance: Disturbance) -> Scenario:
+        """Return the scenario with the bodies beside the object as touches left them, in E."""
+        truth, pushed = self.truth, dict(self.truth.pushed)
+        surroundings = truth.surroundings.placed(disturbance.poses)
+        for before, now in zip(truth.surroundings, surroundings, strict=True):
+            if not now.is_fixed:
+                pushed[now.name] = pushed.get(now.name, 0.0) + now.displacement(before.X_EB)
+        truth = replace(
+            truth,
+            surroundings=surroundings,
+            disturbance=truth.disturbance.after(disturbance),
+            pushed=MappingProxyType(pushed),
+        )
+        return replace(self, truth=truth)
 
     def in_frame(self, X_EF: FloatArray) -> Scenario:
         """Return the scenario in a frame F of pose `X_EF` (4, 4); the pose of the object stays."""

@@ -80,6 +80,12 @@ class Body(FrozenArrays):
         mesh: trimesh.Trimesh = self.mesh_B.copy()
         return mesh.apply_transform(self.X_EB)
 
+    def displacement(self, X_EB: FloatArray) -> float:
+        """Return the largest displacement of a point of it from another pose (4, 4) [m]."""
+        vertices = np.asarray(self.mesh_B.vertices)
+        apart = apply_pose(self.X_EB, vertices) - apply_pose(X_EB, vertices)
+        return float(np.linalg.norm(apart, axis=1).max())
+
     def distances(self, points: FloatArray) -> FloatArray:
         """Return the signed distances (P,) of points (P, 3) in E [m], below 0 inside.
 

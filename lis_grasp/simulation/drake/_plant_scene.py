@@ -189,6 +189,14 @@ class PlantScene:
             return {}
         return self.surroundings.forces(self._results(), self._pushers)
 
+    @property
+    def largest_pushes(self) -> dict[str, float]:
+        """Largest force [N] on each body beside the object so far, by anyone."""
+        largest: dict[str, float] = {}
+        for (name, _), force in self.pushes.items():
+            largest[name] = max(force, largest.get(name, 0.0))
+        return largest
+
     def _results(self) -> ContactResults:
         results: ContactResults = self.plant.get_contact_results_output_port().Eval(self.context)
         return results

@@ -125,10 +125,7 @@ class ProbingScene:
     @property
     def forces_beside(self) -> dict[str, float]:
         """Largest force [N] on each body beside the object so far, of hand, arm or object."""
-        largest: dict[str, float] = {}
-        for (name, _), force in self._scene.pushes.items():
-            largest[name] = max(force, largest.get(name, 0.0))
-        return largest
+        return self._scene.largest_pushes
 
     def place(
         self,

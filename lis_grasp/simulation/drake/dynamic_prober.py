@@ -119,7 +119,7 @@ class DynamicProber:
         self._has_bodies = len(surroundings) + len(known) > 0
         self._ways: TransitScene | None = None
         if station is not None:
-            self._ways = TransitScene(station, mesh, arm_use or ArmUse())
+            self._ways = TransitScene(station, mesh, arm_use or ArmUse(), surroundings)
         # The plant is in W, where the arm's base and fixed bodies stay; without any, in E.
         self._X_WE = np.eye(4)
         self._hand = hand
@@ -140,13 +140,19 @@ class DynamicProber:
     @property
     def disturbance(self) -> Disturbance:
         """What touches did so far to the bodies beside the object; see `DisturbingProber`."""
-        poses = {body.name: body.X_EB for body in self._beside.free}
-        return self._before.after(Disturbance(self._felt, self._scene.forces_beside, poses))
+        so_far = Disturbance(self._felt, self._scene.forces_beside, self._free_poses)
+        if self._ways is not None:
+            so_far = so_far.after(Disturbance(forces=self._ways.forces_beside))
+        return self._before.after(so_far)
 
     def place_disturbed(self, before: Disturbance) -> None:
         """Begin after recorded touches, with free bodies beside the object as they left them."""
         self._before = before
         self._place_beside(before.poses)
+
+    @property
+    def _free_poses(self) -> dict[str, FloatArray]:
+        return {body.name: body.X_EB for body in self._beside.free}
 
     def _place_beside(self, poses: Mapping[str, FloatArray]) -> None:
         self._beside = self._beside.placed(poses)
@@ -204,7 +210,8 @@ class DynamicProber:
             touch: float | None = None
             if course.touched is not None:
                 touch = way.duration if path is path_out else 0.0
-            self._ways.run(way, posture, self._X_WE @ self._X_EO, touch=touch)
+            X_WO = self._X_WE @ self._X_EO
+            self._ways.run(way, posture, X_WO, touch=touch, beside=self._free_poses)
 
     def _end_of(self, course: Course, missed: ProbeOutcome) -> ProbeOutcome:
         """Return the outcome of a course with a contact at its end."""
@@ -255,7 +262,7 @@ class DynamicProber:
         X_EB = leg.X_OH @ palm_to_base[self._hand.base_link]
         X_WB, X_WO = self._X_WE @ X_EB, self._X_WE @ self._X_EO
         q_arm = None if leg.q_arm is None else leg.q_arm[0]
-        beside = {body.name: body.X_EB for body in self._beside.free}
+        beside = self._free_poses
         scene.place(q, X_WB, rotate(self._X_WE, leg.direction), X_WO, q_arm, beside)
         speed = self._speed if self._station is None else leg.speed
         before = _BEFORE if self._station is None else _BEFORE_WITH_ARM
