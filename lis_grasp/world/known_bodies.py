@@ -32,8 +32,8 @@ class KnownBodies:
 
     A contact within a band of a body's believed surface is its: the band is the error of its place
     and that of the contact. Where the contact's normal points at the body, it is the object's,
-    which faces the body. A contact corrects the believed place along its normal, by the posterior mean of a
-    Gaussian: the prior is level, with the variance of a uniform disc of the radius `error`.
+    which faces the body. A contact corrects the believed place along its normal, by the posterior
+    mean of a Gaussian: the prior is level, with the variance of a uniform disc of radius `error`.
 
     Examples
     --------
