@@ -61,7 +61,7 @@ class GraspPlanner(LeafSystem):
     station
         The arm that must reach the grasps, as a `Station` with its base in E.
     surroundings
-        Known bodies in the world, which the hand must not hit.
+        Known bodies in the world, which the hand and what it carries must not hit.
     obstacles
         The same as a mesh [m] in E, which may be open; until 4.0.
     meshcat
@@ -103,14 +103,13 @@ class GraspPlanner(LeafSystem):
         require_positive(count=count)
         self._hand, self._table, self._count, self._seed = hand.hand, table, count, seed
         self._X_WE, self._actuated = pose_of(X_WE, "X_WE"), hand.actuated
-        known = surroundings.in_frame(self._X_WE.GetAsMatrix4()).mesh
-        beside = [mesh for mesh in (known, obstacles) if mesh is not None]
         self._sampler = ForceClosureSampler(
             hand.hand,
             prior,
             candidates=candidates,
             station=station,
-            obstacles=trimesh.util.concatenate(beside) if beside else None,
+            surroundings=surroundings.in_frame(self._X_WE.GetAsMatrix4()),
+            obstacles=obstacles,
         )
         self._drawing = None if meshcat is None else Drawing(meshcat, path, self._X_WE)
         empty = Estimate(Contacts.empty(), Perception())

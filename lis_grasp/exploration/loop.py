@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration.neighbours import PlanningProber
 from lis_grasp.exploration.observations import Observation
 from lis_grasp.exploration.perception import TactilePerception, advance, begin
 from lis_grasp.exploration.probe import MovingProber, Prober
@@ -74,17 +75,23 @@ def explore_steps(
     state = begin(perception, strategy) if start is None else start
     rng = np.random.default_rng(rng)
     rng.spawn(len(state.observations))  # the generators of the probes so far
+    planning = prober if isinstance(prober, PlanningProber) and state.beside is not None else None
+    reaches = None if planning is None else planning.reaches
+    if planning is not None and state.beside is not None:
+        planning.place_known(state.beside.poses)
     while True:
         yield state
         draws = rng.spawn(1)[0]
-        chosen = choose(strategy, state, rng=draws)
+        chosen = choose(strategy, state, rng=draws, reaches=reaches)
         if isinstance(chosen, str):
             yield end(strategy, state, chosen)
             return
         outcome = prober.probe(chosen.probe, chosen.obstacles)
         if perception.sensor is not None:
             outcome = perception.sensor.report(outcome, rng=draws)
-        state = advance(perception, state, outcome)
+        state = advance(perception, state, outcome, chosen.refused)
         if isinstance(prober, MovingProber):
             for X_EF in state.frames:
                 prober.move_frame(X_EF)
+        if planning is not None and state.beside is not None and state.observations[-1].beside:
+            planning.place_known(state.beside.poses)

@@ -160,6 +160,8 @@ class GraspSearch(ByValue, Record, Sequence[Grasp]):
         Number of rejected candidates by reason (`lis_grasp.results.summary.REJECTIONS`).
     candidates
         Number of all candidates.
+    hit_bodies
+        Number of rejected candidates by the body beside the object that they would hit.
 
     Examples
     --------
@@ -173,6 +175,7 @@ class GraspSearch(ByValue, Record, Sequence[Grasp]):
     grasps: tuple[Grasp, ...]
     rejections: Mapping[str, int] = field(default_factory=dict)
     candidates: int = 0
+    hit_bodies: Mapping[str, int] = field(default_factory=dict)
 
     __repr__ = short_repr
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -88,10 +89,23 @@ class GuardedMotion:
         self._X_OE = inverse_pose(X_EO) if moved else None
 
     def place_surroundings(self, surroundings: Surroundings, X_WE: FloatArray) -> None:
-        """Place the true bodies beside the object, in a frame W in which E has a pose (4, 4)."""
+        """Place the true bodies beside the object, in a frame W in which E has a pose (4, 4).
+
+        The known bodies stay in W, too.
+        """
+        self._planner.place_frame(X_WE)
         if self._beside is not None:
             self._beside.place_frame(X_WE)
             self._beside.place(surroundings)
+
+    def place_known(self, poses: Mapping[str, FloatArray]) -> None:
+        """Place the bodies that plans avoid at believed poses (4, 4) in W, by their names."""
+        self._planner.place_known(poses)
+
+    def reaches(self, probe: Probe, obstacles: ObstacleModel) -> str:
+        """Return why no finger reaches a probe; empty if one does."""
+        found = self._planner.approach(probe, self._planner.kept_off(obstacles))
+        return found if isinstance(found, str) else ""
 
     def place_station(self, station: Station) -> None:
         """Place the station of the arm in the frame E."""
@@ -131,8 +145,11 @@ class GuardedMotion:
         if touched is None:
             self._place(approach, approach.X_OH)
             end = min(ahead.planned, self._planner.above_table(approach, probe, obstacles))
+            at_table = end < probe.standoff
+            if obstacles is not None:
+                end = min(end, self._planner.before_bodies(approach, probe))
             ahead, touched = self._moved(ahead, end)
-            legs, at_table = (way_in, ahead), touched is None and end < probe.standoff
+            legs, at_table = (way_in, ahead), touched is None and at_table
         course = Course(posture.finger, posture.joint_positions, legs, touched, at_table, way)
         slide = self._slide(probe, course, obstacles)
         return course if slide is None else replace(course, slide=slide)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -103,6 +104,14 @@ class KinematicProber:
             hand_pose=HandPose(course.X_OH_end, q),
             slid=len(touches) - made,
         )
+
+    def reaches(self, probe: Probe, obstacles: ObstacleModel) -> str:
+        """Return why no finger reaches a probe; empty if one does. See `PlanningProber`."""
+        return self._motion.reaches(probe, obstacles)
+
+    def place_known(self, poses: Mapping[str, FloatArray]) -> None:
+        """Place known bodies at believed poses (4, 4), by their names."""
+        self._motion.place_known(poses)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

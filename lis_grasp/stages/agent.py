@@ -20,13 +20,13 @@ from lis_grasp.stages.configured_arm import make_station
 from lis_grasp.stages.contact_sources import load_cloud
 from lis_grasp.stages.estimate import Perception
 from lis_grasp.stages.load import KnownLoad
-from lis_grasp.stages.surroundings import find_surroundings
+from lis_grasp.stages.surroundings import believed, find_surroundings
 from lis_grasp.task.decide import Decide
 from lis_grasp.task.known import Known
 from lis_grasp.task.robot import Robot
 from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
-from lis_grasp.world import ALONE, Surroundings
+from lis_grasp.world import ALONE, KnownBodies, Surroundings
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)  # no slots: for cached_property
@@ -79,7 +79,8 @@ class Agent:
         hand = Hand.load(robot.hand) if hand is None else hand
         X_WE = poses.get("X_WE")
         X_WE = np.eye(4) if X_WE is None else require_pose("X_WE", X_WE)
-        surroundings = find_surroundings(task, support_height).in_frame(X_WE)
+        true = find_surroundings(task, support_height).in_frame(X_WE)
+        surroundings = believed(true, robot.body_error, task.seed)
         return Agent(
             robot=robot,
             known=known,
@@ -110,6 +111,15 @@ class Agent:
         assert self.space is not None
         return self.space
 
+    @property
+    def known_bodies(self) -> KnownBodies | None:
+        """The known bodies beside the object, as an exploration asks about them; None alone."""
+        if not len(self.surroundings):
+            return None
+        return KnownBodies(
+            self.surroundings, error=self.robot.body_error, noise=self.robot.position_noise
+        )
+
     @cached_property
     def perception(self) -> Perception:
         """The settings of its estimates."""
@@ -129,6 +139,14 @@ class Agent:
         """Return the ends, of an object in a region, that no contact shows."""
         space = self.space
         return unseen_ends(space.fitted_to(contacts), contacts) if isinstance(space, Region) else ()
+
+    def knowing(self, surroundings: Surroundings) -> Agent:
+        """Return the same with bodies beside the object at other believed places."""
+        station = self.station
+        if station is not None and station.table is not None:
+            table = replace(station.table, surroundings=surroundings)
+            station = replace(station, table=table)
+        return replace(self, station=station, surroundings=surroundings)
 
     def in_frame(self, X_EF: FloatArray) -> Agent:
         """Return the same in a frame F, whose pose in the present frame E is `X_EF` (4, 4)."""

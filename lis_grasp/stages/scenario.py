@@ -15,12 +15,13 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import DEFAULT_REGION, STEP_FRACTION, Exploration, Region, Workspace
 from lis_grasp.exploration.disturbance import Disturbance
 from lis_grasp.geometry import require_pose
+from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import NAMES, STABLE, UPRIGHT, Shape, default_mass, draw_pose, find, placed
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.configured_arm import station_facts
 from lis_grasp.stages.random_streams import Stream
-from lis_grasp.stages.surroundings import require_apart
+from lis_grasp.stages.surroundings import believed, find_surroundings, require_apart
 from lis_grasp.task.task import Task
 from lis_grasp.task.world import World
 from lis_grasp.typing import FloatArray
@@ -117,11 +118,15 @@ class Scenario:
             hand=hand,
             poses=poses,
         )
+        surroundings = agent.surroundings
+        if task.robot.body_error:
+            surroundings = find_surroundings(task, support_height)
+            surroundings = surroundings.in_frame(_pose("X_WE", poses.get("X_WE")))
         if recorded is None:
-            require_apart(agent.surroundings, shape)
+            require_apart(surroundings, shape)
         mass = default_mass(shape.mesh, world.object) if world.mass is None else world.mass
         X_EO = _pose("X_EO", poses.get("X_EO"))
-        return cls(task, Truth(shape, mass, world.friction, X_WO, X_EO, agent.surroundings), agent)
+        return cls(task, Truth(shape, mass, world.friction, X_WO, X_EO, surroundings), agent)
 
     def after(
         self,
@@ -133,10 +138,14 @@ class Scenario:
 
         The frame, and the station in it, moved with the believed object. Touches moved the object
         to the true pose `X_EO` (4, 4); None if it is fixed. `disturbance` is what they did to the
-        bodies beside it; None for nothing.
+        bodies beside it; None for nothing. The robot believes these where it touched them.
         """
-        belief = exploration.belief
+        belief, known = exploration.belief, self.agent.known_bodies
         after = self if disturbance is None else self._disturbed(disturbance)
+        touches = [touch for o in exploration.observations for touch in o.beside]
+        if known is not None and touches:
+            corrected = known.corrected(touches).surroundings
+            after = replace(after, agent=after.agent.knowing(corrected))
         after = after if belief is None else after.in_frame(belief.X_WE)
         return after if X_EO is None else after.moved(X_EO)
 
@@ -165,6 +174,16 @@ class Scenario:
         """Return the scenario with the object at another pose (4, 4) in the frame E."""
         return replace(self, truth=replace(self.truth, X_EO=X_EO))
 
+    def after_lift(self, outcome: LiftOutcome) -> Scenario:
+        """Return the scenario after a lift, which moved the object and bodies beside it.
+
+        The robot looks again where the bodies are.
+        """
+        surroundings = self.truth.surroundings.placed(outcome.X_EB)
+        truth = replace(self.truth, X_EO=outcome.X_WO, surroundings=surroundings)
+        after = replace(self, truth=truth)
+        return looked_at(after) if outcome.X_EB else after
+
     def warnings(self, contacts: Contacts) -> dict[str, list[str]]:
         """Return a warning, as a fact, if ends of the object were not found.
 
@@ -183,6 +202,16 @@ class Scenario:
             **({"X_WE": self.agent.X_WE.tolist()} if len(self.agent.surroundings) else {}),
             **station_facts(self.agent.station),
         }
+
+
+def looked_at(scenario: Scenario) -> Scenario:
+    """Return a scenario whose agent believes the bodies where they are now, up to its error.
+
+    The error of a body's place is the same as at the start.
+    """
+    agent, bodies = scenario.agent, scenario.truth.surroundings
+    seen = believed(bodies, agent.robot.body_error, agent.seed)
+    return replace(scenario, agent=agent.knowing(seen))
 
 
 def find_object(world: World) -> Shape:

@@ -1,4 +1,4 @@
-"""The bodies of a task beside the object."""
+"""The bodies of a task beside the object, and where the robot believes them to be."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.geometry import make_pose
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.loading import FORMATS as MESH_FORMATS
+from lis_grasp.stages.random_streams import Stream
 from lis_grasp.task.task import Task
 from lis_grasp.world import ALONE, Surroundings
 from lis_grasp.world.files import file_of
@@ -58,6 +59,21 @@ def find_surroundings(task: Task, height: float) -> Surroundings:
     if file_of(world).suffix.lower() in MESH_FORMATS:
         return surroundings
     return surroundings.in_frame(make_pose(np.eye(3), np.array([0.0, 0.0, -height])))
+
+
+def believed(surroundings: Surroundings, error: float, seed: int) -> Surroundings:
+    """Return bodies at believed places, off by at most an error [m] in level directions.
+
+    The displacements are uniform on a disc; a seed's are the same in all stages.
+    """
+    if error == 0.0:
+        return surroundings
+    rng, poses = Stream.BODIES.rng(seed), {}
+    for body in surroundings:
+        angle, distance = rng.uniform(0.0, 2.0 * np.pi), error * np.sqrt(rng.uniform())
+        poses[body.name] = body.X_EB.copy()
+        poses[body.name][:2, 3] += distance * np.array([np.cos(angle), np.sin(angle)])
+    return surroundings.placed(poses)
 
 
 def require_apart(surroundings: Surroundings, shape: Shape) -> None:

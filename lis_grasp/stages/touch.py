@@ -83,7 +83,9 @@ def touch_steps(
     """Explore as `touch` does, step by step, as in `explore_steps`."""
     agent = scenario.agent
     perception = make_perception(agent.perception, prior_contacts(agent.cloud_contacts))
-    perception = replace(perception, tracker=make_tracker(scenario, prober))
+    perception = replace(
+        perception, tracker=make_tracker(scenario, prober), beside=agent.known_bodies
+    )
     strategy = replace(make_strategy(agent), stop=stop_rules(agent))
     start = begin(perception, strategy, recorded)
     return explore_steps(prober, perception, strategy, rng=exploration_rng(agent), start=start)

@@ -68,7 +68,8 @@ def touch_more(
     again = np.unique(np.linspace(0, len(contacts) - 1, _TOUCHED_AGAIN).round()).astype(int)
     rest = contacts.subset(np.delete(np.arange(len(contacts)), again))
     tracker = PoseTracker(agent.robot.sensor.position_noise)
-    perception = replace(make_perception(agent.perception, rest), tracker=tracker)
+    perception = make_perception(agent.perception, rest)
+    perception = replace(perception, tracker=tracker, beside=agent.known_bodies)
     surface, space = (
         perception.estimate(contacts),
         agent.known_space.grown(contacts).fitted_to(contacts),

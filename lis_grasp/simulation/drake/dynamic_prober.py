@@ -116,6 +116,7 @@ class DynamicProber:
             known=known,
         )
         self._station = station
+        self._has_bodies = len(surroundings) + len(known) > 0
         self._ways: TransitScene | None = None
         if station is not None:
             self._ways = TransitScene(station, mesh, arm_use or ArmUse(), surroundings)
@@ -166,9 +167,17 @@ class DynamicProber:
         self.place_object(inverse_pose(X_EF) @ self._X_EO)
         self.place_frame(self._X_WE @ X_EF)
 
+    def reaches(self, probe: Probe, obstacles: ObstacleModel) -> str:
+        """Return why no finger reaches a probe; empty if one does. See `PlanningProber`."""
+        return self._motion.reaches(probe, obstacles)
+
+    def place_known(self, poses: Mapping[str, FloatArray]) -> None:
+        """Place known bodies at believed poses (4, 4) in W, by their names."""
+        self._motion.place_known(poses)
+
     def place_frame(self, X_WE: FloatArray) -> None:
         """Give later probes in a frame E with pose X_WE, shape (4, 4), in that of the first."""
-        if self._station is None and not len(self._beside):
+        if self._station is None and not self._has_bodies:
             return
         self._X_WE = X_WE
         self._motion.place_surroundings(self._beside, X_WE)
