@@ -11,8 +11,8 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.cli.options import add_declared
-from lis_grasp.cli.progress import PRINTED, Stage, say
+from lis_grasp.cli.options import add_declared, add_xacro_args, xacro_args
+from lis_grasp.cli.progress import PRINTED, Stage, next_step, say
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidInputError, InvalidOptionError
 from lis_grasp.exploration.touch_detection import TOUCHES, TouchDetection
@@ -69,6 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="URDF, SDF or MJCF of the robot: its links are frames, by the log's joint states",
     )
+    add_xacro_args(groups[TOPICS])
     fixed = options_of(LogFrames)["object_frame"]
     groups[TOPICS].add_argument(
         "--object-frame",
@@ -107,7 +108,8 @@ def execute(options: argparse.Namespace) -> None:
     with Stage(f"Reading {options.log}") as stage:
         log = open_log(options.log, posed=options.urdf is None, reading=reading)
         if options.urdf is not None:
-            log = with_link_frames(log, resolve_uri(options.urdf, Path(), "--urdf"), reading)
+            path = resolve_uri(options.urdf, Path(), "--urdf")
+            log = with_link_frames(log, path, reading, xacro_args=xacro_args(options))
         stage.result = f"{len(log.topics)} topics"
     if options.list:
         for topic in log.topics:
@@ -161,7 +163,7 @@ def _write(options: argparse.Namespace, contacts: Contacts, **account: Any) -> N
     else:
         contacts.save(path, header=header)
     say(f"wrote {path}")
-    say(f"next: lis-grasp estimate {path}")
+    say(next_step("lis-grasp estimate {}", path))
 
 
 def _output(options: argparse.Namespace) -> Path:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from lis_grasp.cli.progress import say, with_flags
+from lis_grasp.cli.progress import next_step, say, with_flags
 from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.io.option import Option, kind_of, options_of
 from lis_grasp.shapes import UNITS
@@ -117,6 +117,26 @@ def _kind(option: Option, kind: type, default: Any) -> dict[str, Any]:
     return {"metavar": option.metavar} | ({} if kind is str else {"type": kind})
 
 
+def add_xacro_args(group: argparse._ActionsContainer) -> None:
+    """Add the arguments of a xacro file."""
+    group.add_argument(
+        "--xacro-args",
+        nargs="+",
+        default=(),
+        metavar="NAME:=VALUE",
+        help="arguments of FILE, if it is a xacro file",
+    )
+
+
+def xacro_args(options: argparse.Namespace) -> dict[str, str]:
+    """Return the given arguments of a xacro file by name."""
+    parts = [text.partition(":=") for text in options.xacro_args]
+    for text, (name, mark, _) in zip(options.xacro_args, parts, strict=True):
+        if not name or not mark:
+            raise InvalidOptionError.out_of_range("xacro-args", text, "NAME:=VALUE")
+    return {name: value for name, _, value in parts}
+
+
 def given(options: argparse.Namespace, *names: str) -> dict[str, Any]:
     """Return the parsed values of options by name; None for those that are not given."""
     return {name: getattr(options, name) for name in names}
@@ -183,7 +203,7 @@ def written_scene(options: argparse.Namespace) -> bool:
         raise InvalidOptionError.out_of_range("--write-scene", str(path), "a name with .yaml")
     write_scene(configure_touch(options), path)
     say(f"wrote {path}, and {SCHEMA_NAME} beside it")
-    say(f"next: lis-grasp run {path}")
+    say(next_step("lis-grasp run {}", path))
     return True
 
 

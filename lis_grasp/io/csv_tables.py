@@ -61,6 +61,14 @@ def column_numbers(path: Path, rows: list[list[str]], column: int, name: str) ->
     return np.array([cell_number(path, row[column], n + 1, name) for n, row in enumerate(rows)])
 
 
+def numeric_column(rows: list[list[str]], column: int) -> FloatArray | None:
+    """Return a column of a table as numbers, NaN where it is blank; None if it has other texts."""
+    try:
+        return np.array([float(row[column] or "nan") for row in rows])
+    except ValueError:
+        return None
+
+
 def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
     """Return the column names, in lower case, and the rows of cells, one cell for each name.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import closing
@@ -45,6 +46,7 @@ class BagLog:
     """Forces and poses of a bag. Times are from the headers, or else from the recording."""
 
     unused = ()
+    reach = math.inf
 
     def __init__(self, path: Path, reading: LogReading = LogReading()) -> None:
         """Open a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag.
@@ -136,26 +138,49 @@ class BagLog:
 
         A source is a topic with the names that its messages share, which one publisher sends.
         """
-        series = self._all_joints()
-        return {name: series[name] for name in names if name in series}
+        chosen = self._chosen_joints()
+        series = {
+            name: [s for s in self._all_joints().get(name, []) if s.source in chosen]
+            for name in names
+        }
+        return {name: found for name, found in series.items() if found}
+
+    def other_joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
+        """Return the positions on topics of joint states that are not chosen."""
+        chosen = self._chosen_joints()
+        return {
+            name: [s for s in self._all_joints().get(name, []) if s.source not in chosen]
+            for name in names
+        }
 
     def joint_names(self) -> tuple[str, ...]:
         """Return the names of all joints, sorted."""
-        return tuple(sorted(self._all_joints()))
+        chosen = self._chosen_joints()
+        joints = self._all_joints().items()
+        return tuple(sorted(n for n, series in joints if any(s.source in chosen for s in series)))
+
+    def other_readings(self) -> dict[str, BagLog]:
+        """Return nothing: messages state their meaning."""
+        return {}
+
+    def _chosen_joints(self) -> set[str]:
+        """Return the topics of joint states that are used."""
+        topics = {topic.name for topic in self.topics if topic.content == "joints"}
+        chosen = self._reading.joint_states
+        if unknown := set(chosen or ()) - topics:
+            raise InvalidInputError(
+                f"joint_states must be a topic of joint states,"
+                f" {', '.join(sorted(topics)) or 'none'}; it is {', '.join(sorted(unknown))}"
+            )
+        return topics if chosen is None else set(chosen)
 
     def _all_joints(self) -> dict[str, list[JointSeries]]:
         if self._series is not None:
             return self._series
-        chosen = self._reading.joint_states
         topics = [topic.name for topic in self.topics if topic.content == "joints"]
-        if unknown := set(chosen or ()) - set(topics):
-            raise InvalidInputError(
-                f"joint_states must be a topic of joint states, {', '.join(topics) or 'none'}; it"
-                f" is {', '.join(sorted(unknown))}"
-            )
         samples: dict[tuple[str, str, frozenset[str]], list[tuple[float, float]]]
         samples = defaultdict(list)
-        for topic in (name for name in topics if chosen is None or name in chosen):
+        for topic in topics:
             for time, message in self._messages(topic, "joints"):
                 publisher = frozenset(message.name)
                 for name, position in zip(message.name, message.position, strict=False):

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Collection
+from contextlib import suppress
+from copy import copy
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +21,9 @@ from lis_grasp.io.csv_tables import (
     read_table,
     without_unit,
 )
-from lis_grasp.logs._columns import FORCES, POINT, read_columns
+from lis_grasp.logs._column_names import FORCES, JOINT_ARRAYS, POINT, Orientation, array_element
+from lis_grasp.logs._columns import read_columns
+from lis_grasp.logs._orientations import Turns, find_turns, form_of, quaternions_of
 from lis_grasp.logs._streams import (
     LONGEST_GAP,
     FrameTree,
@@ -34,6 +41,8 @@ _LEAST_STEP = 1e-4  # [s], of a log in the right unit
 
 class CsvLog:
     """Forces and poses of a CSV table: the topics `force`, `tip` and, if it is there, `object`."""
+
+    reach = math.inf
 
     def __init__(
         self, path: Path, *, posed: bool = True, reading: LogReading = LogReading()
@@ -56,29 +65,34 @@ class CsvLog:
         self._times = _in_order(path, columns.values["", "time"])
         self._require_order()
         count = len(self._times)
-        known = [body for body in ("tip", "object") if columns.has(body, POINT)]
-        titles = columns.titles
-        forces = ",".join(titles["tip", name] for name in self._force)
+        self._turns: dict[str, Turns | None] = {}
+        forces = columns.named("tip", self._force)
+        poses: dict[str, tuple[str, ...]] = {}
+        for body in ("tip", "object"):
+            if columns.has(body, POINT):
+                poses[body] = columns.named(body, POINT)
+                with suppress(InvalidFileError):  # raised when the poses are asked for
+                    poses[body] += turns.titles if (turns := self._turns_of(body)) else ()
         self.topics = (
-            Topic("force", forces, count, "force"),
-            *(
-                Topic(body, ",".join(titles[body, n] for n in self._names(body)), count, "pose")
-                for body in known
-            ),
+            Topic("force", ",".join(forces), count, "force"),
+            *(Topic(body, ",".join(names), count, "pose") for body, names in poses.items()),
         )
-        used = {titles["", "time"], *(titles["tip", name] for name in self._force)}
-        used |= {titles[body, name] for body in known for name in self._names(body)}
-        self.unused = (*columns.unused, *(t for t in titles.values() if t not in used))
+        used = {columns.titles["", "time"], *forces, *chain.from_iterable(poses.values())}
+        others = (*columns.unused, *columns.titles.values())
+        self.unused = tuple(title for title in others if title not in used)
 
     def forces(self, topic: str) -> TimedForces:
-        """Return the forces, in a frame that the table does not name."""
+        """Return the forces, in the base frame if names of a robot's arrays state it."""
         order = np.argsort(self._times, kind="stable")
-        return TimedForces(self._times[order], self._columns.table("tip", self._force)[order])
+        forces = self._columns.table("tip", self._force)[order]
+        return TimedForces(self._times[order], forces, self._columns.force_frame)
 
     def poses(self, topic: str) -> TimedPoses:
         """Return the poses of `tip` or `object`; unturned without columns of an orientation."""
         positions = self._columns.table(topic, POINT)
-        quaternions = self._columns.quaternions(topic, self._reading.orientation)
+        quaternions = np.tile([0.0, 0.0, 0.0, 1.0], (len(positions), 1))
+        if (turns := self._turns_of(topic)) is not None:
+            quaternions = quaternions_of(turns, self._reading.orientation, self._columns)
         values = np.hstack([positions, quaternions])
         return TimedPoses.collect(self._times, values, child=topic, name=topic)
 
@@ -89,7 +103,8 @@ class CsvLog:
     def joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
         """Return positions of joints whose columns have their names, also as in bags.
 
-        Examples are ``elbow``, ``/joint_states/elbow/position`` and ``position.elbow``.
+        Examples are ``elbow``, ``/joint_states/elbow/position`` and ``position.elbow``, and
+        ``actual_q_2`` of an arm of UR.
         """
         titles, rows = read_table(self._path)
         lowered = {name.lower(): name for name in names}
@@ -97,7 +112,8 @@ class CsvLog:
         for k, title in enumerate(titles):
             text, unit = without_unit(title) if title.lower() not in lowered else (title, "")
             parts = set(re.split(r"[./]", text))
-            for name in parts & lowered.keys() if not _OTHERS & parts else ():
+            named = (parts & lowered.keys()) or _joints_of(text, lowered.keys())
+            for name in named if not _OTHERS & parts else ():
                 factor = factor_of(self._path, title, unit, {**ANGLES, "m": 1.0, "mm": 1e-3})
                 positions = factor * column_numbers(self._path, rows, k, title)
                 found.setdefault(lowered[name], []).append(
@@ -105,13 +121,42 @@ class CsvLog:
                 )
         return found
 
+    def other_joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
+        """Return nothing: all columns of joints are used."""
+        return {}
+
     def joint_names(self) -> tuple[str, ...]:
         """Return the columns that are not understood; some may be joints."""
         return self._columns.unused
 
-    def _names(self, body: str) -> tuple[str, ...]:
-        ignored = self._reading.orientation == "ignored"
-        return (*POINT, *(() if ignored else self._columns.turn_names(body)))
+    def other_readings(self) -> dict[str, CsvLog]:
+        """Return the log with other meanings of the tip's orientation, by the advice to take it."""
+        reading, columns, turns = self._reading, self._columns, None
+        with suppress(InvalidFileError):  # of several, none can be proposed
+            turns = find_turns(columns, "tip", reading.angles)
+        if turns is None:
+            return {}
+        ignored = reading.orientation == "ignored"
+        form: Orientation = "ignored"
+        if not ignored:
+            form = form_of(turns, reading.orientation, columns)
+        own = None if ignored else quaternions_of(turns, form, columns)
+        found: dict[str, CsvLog] = {}
+        for other in turns.others():
+            quaternions = quaternions_of(other, None, columns)
+            if own is None or not np.array_equal(quaternions, own, equal_nan=True):
+                log = copy(self)
+                log._turns = self._turns | {"tip": other}
+                found[other.advice(form, turns)] = log
+        return found
+
+    def _turns_of(self, body: str) -> Turns | None:
+        """Return the columns of a body's orientation, unless they are ignored."""
+        if body not in self._turns:
+            ignored = self._reading.orientation == "ignored"
+            found = None if ignored else find_turns(self._columns, body, self._reading.angles)
+            self._turns[body] = found
+        return self._turns[body]
 
     def _require_order(self) -> None:
         """Raise if times go back but the tip's path does not: the table has two recordings."""
@@ -132,6 +177,14 @@ class CsvLog:
                 " table of its own",
                 path=self._path,
             )
+
+
+def _joints_of(text: str, names: Collection[str]) -> set[str]:
+    """Return the joint of a robot's array that a column is, if one of the names ends with it."""
+    array, index = array_element(text)
+    joints = JOINT_ARRAYS.get(array, ())
+    found = {name for name in names if index < len(joints) and name.endswith(joints[index])}
+    return found if len(found) == 1 else set()
 
 
 def _in_order(path: Path, times: FloatArray) -> FloatArray:

@@ -18,14 +18,18 @@ from lis_grasp.logs.readers import RobotLog
 from lis_grasp.surfaces.contact_places import SMALLEST
 from lis_grasp.typing import FloatArray
 
-_SURE = 3.0  # standard deviations of a mean beyond which a difference is not chance
+_SURE = 2.0  # standard deviations of a mean beyond which a difference is not chance
 _FEWEST = 3  # touches to compare
+_SEEN = 1e-3  # [m] of a mean height beyond errors of poses
+_LESS = 0.7  # ratio of misfit and scatter below which places fit better
+_EQUAL = 0.02  # fraction of a gain by which two readings are equally good
 
 
-def require_places(places: FloatArray, advice: str) -> None:
-    """Raise `InvalidInputError` if touches are all at one place, or farther apart than objects.
+def require_places(places: FloatArray, advice: str, reach: float = np.inf) -> None:
+    """Raise `InvalidInputError` if touches are all at one place, or too far apart.
 
-    `places` are (N, 3) [m], one of each touch.
+    `places` are (N, 3) [m], one of each touch. They must be as close as those of an object, and of
+    an arm that reaches so far [m].
     """
     extent = float(np.ptp(places, axis=0).max()) if len(places) > 1 else 1.0
     if extent <= SMALLEST:
@@ -33,38 +37,96 @@ def require_places(places: FloatArray, advice: str) -> None:
             f"all {len(places)} touches are at one place: the poses do not change with time;"
             " check their topic and its times"
         )
-    if extent > LARGEST:
+    if extent > min(LARGEST, 2.0 * reach):
+        robot = f", and a robot that reaches {reach:.3g} m" if 2.0 * reach < LARGEST else ""
         raise InvalidInputError(
-            f"contacts must be within {LARGEST:g} m of each other; these are"
-            f" {extent:.3g} m apart: {advice}"
+            f"contacts must be within {min(LARGEST, 2.0 * reach):.3g} m of each other{robot};"
+            f" these are {extent:.3g} m apart: {advice}"
         )
 
 
-def question_force_frame(used: Touches, others: Mapping[str, Touches], *, stated: str) -> None:
-    """Compare forces with the motions before the touches, in the frame used and in others.
+def question_answers(
+    used: Touches, others: Mapping[str, Touches], *, directed: bool, is_answered: bool
+) -> None:
+    """Compare the touches with those of other frames of the forces and other orientations.
 
-    Raises `InvalidInputError` if they agree surely better in another frame; a note if the log
-    itself states the frame.
+    `others` has them by the options that give them, those that change least first. Forces, if
+    `directed`, are compared with the motions before the touches, places with each other.
+
+    Raises `InvalidInputError` if the forces agree surely better in another frame, and nobody has
+    stated theirs; a note if another answer is surely better than a given one.
     """
-    for name, other in others.items():
+    better = _better_directions(used, others) if directed else {}
+    seen = "forces and the motions before the touches differ by {:.0f} deg (median), not {:.0f} deg"
+    if not better:
+        better = _better_places(used, others)
+        seen = "touches stand before the surfaces that others touch by {:.2g} mm (mean), not {:.2g}"
+    if not better:
+        return
+    best = max(gain for gain, _, _ in better.values())
+    advice, (_, theirs, ours) = next(
+        item for item in better.items() if item[1][0] >= best - _EQUAL * abs(best)
+    )
+    if not is_answered and advice.startswith("give `force_frame`"):
+        raise InvalidInputError(
+            f"the frame of the forces must be known: {advice}, in which "
+            f"{seen.format(theirs, ours)}, or the frame that they are in"
+        )
+    note(
+        f"the log contradicts how it is read: {advice}, with which {seen.format(theirs, ours)},"
+        " unless it is surely right as it is"
+    )
+
+
+def _better_directions(
+    used: Touches, others: Mapping[str, Touches]
+) -> dict[str, tuple[float, float, float]]:
+    """Return readings whose forces agree better with the motions: gain, and angles [deg]."""
+    better = {}
+    for advice, other in others.items():
+        if len(other.times) != len(used.times):
+            continue
         known = _directed(used) & _directed(other)
         if known.sum() < _FEWEST:
             continue
         ours, theirs = (_agreement(touches)[known] for touches in (used, other))
         gain = theirs - ours
         chance = _SURE * float(gain.std()) / np.sqrt(len(gain))
-        if gain.mean() <= max(chance, FORCE_NOISE**2):
-            continue
-        angles = [np.degrees(np.median(np.arccos(np.clip(c, -1, 1)))) for c in (theirs, ours)]
-        message = (
-            f"the forces agree with the motions before the touches better in the frame '{name}'"
-            f" (median angle {angles[0]:.0f} deg) than as they are taken ({angles[1]:.0f} deg):"
-            f" give `force_frame` {name}, or "
-        )
-        if stated:
-            note(f"{message}{stated} if the log, which states it, is right")
-        else:
-            raise InvalidInputError(f"{message}the frame that they are in")
+        if gain.mean() > max(chance, FORCE_NOISE**2):
+            angles = [np.degrees(np.median(np.arccos(np.clip(c, -1, 1)))) for c in (theirs, ours)]
+            better[advice] = float(gain.mean()), float(angles[0]), float(angles[1])
+    return better
+
+
+def _better_places(
+    used: Touches, others: Mapping[str, Touches]
+) -> dict[str, tuple[float, float, float]]:
+    """Return readings whose places contradict each other less: gain, and heights [mm].
+
+    A touch before the surface that another one touched, seen along its approach, is possible on
+    concave objects alone, and an offset that is turned wrongly scatters the places.
+    """
+    better = {}
+    own, spread = _misfit(used)
+    if own > _SEEN and len(used.times) >= _FEWEST:
+        for advice, other in others.items():
+            theirs, narrow = _misfit(other)
+            same = len(other.times) == len(used.times)
+            ratio = theirs * narrow / (own * spread)
+            if same and theirs < own and narrow < spread and ratio < _LESS:
+                better[advice] = 1.0 - ratio, 1e3 * theirs, 1e3 * own
+    return better
+
+
+def _misfit(touches: Touches) -> tuple[float, float]:
+    """Return how far touches stand before the places of others, and their scatter, means [m]."""
+    known = np.any(touches.approach, axis=1)
+    centers, outward = touches.centers[known], -touches.approach[known]
+    if not len(centers):
+        return 0.0, 0.0
+    heights = np.einsum("nmi,ni->nm", centers[None] - centers[:, None], outward)  # (N, N)
+    scatter = np.linalg.norm(centers - centers.mean(axis=0), axis=1)
+    return float(np.maximum(heights, 0.0).mean()), float(scatter.mean())
 
 
 def question_directions(touches: Touches, detection: TouchDetection) -> None:

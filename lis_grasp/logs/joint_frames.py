@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidInputError, note
+from lis_grasp.logs._column_names import COMMANDS
 from lis_grasp.logs.readers import (
     FrameTree,
     JointSeries,
@@ -20,15 +23,20 @@ from lis_grasp.logs.readers import (
     Topic,
 )
 from lis_grasp.logs.reading import LogReading
-from lis_grasp.robots.described_joints import read_joints
+from lis_grasp.robots.described_joints import reach_of, read_joints
 from lis_grasp.typing import FloatArray
 
 # A joint may be this far outside of its limits [rad or m], because calibrations differ.
 _BEYOND = 0.1
+_LATEST = 0.5  # [s] that a robot may be behind its commands
 
 
 def with_link_frames(
-    log: RobotLog, description: Path, reading: LogReading = LogReading()
+    log: RobotLog,
+    description: Path,
+    reading: LogReading = LogReading(),
+    *,
+    xacro_args: Mapping[str, str] = MappingProxyType({}),
 ) -> RobotLog:
     """Return a log whose frames include the links of a robot.
 
@@ -44,6 +52,8 @@ def with_link_frames(
         URDF, SDF or MJCF of the robot. Its meshes are not needed.
     reading
         The unit of joints that turn.
+    xacro_args
+        Arguments of a xacro file, by name.
 
     Raises
     ------
@@ -52,7 +62,7 @@ def with_link_frames(
     InvalidFileError, InvalidHandError
         If the description cannot be read.
     """
-    joints = read_joints(description)
+    joints = read_joints(description, xacro_args)
     moving = [joint for joint in joints if not joint.is_fixed]
     logged = log.joints(tuple(dict.fromkeys(joint.leader for joint in moving)))
     if not logged:
@@ -66,6 +76,7 @@ def with_link_frames(
         for joint in moving
         if joint.leader == joint.joint.name
     }
+    _question_commands(tracks, log.other_joints(tuple(tracks)))
     frames, unknown = {}, {}
     for joint in joints:
         if joint.is_fixed:
@@ -87,7 +98,7 @@ def with_link_frames(
         {**own.unknown, **unknown},
         (*own.sources, *sorted(sources)),
     )
-    return _LogWithLinks(log, tree, base)
+    return _LogWithLinks(log, tree, base, reach_of(joints))
 
 
 def _one_track(
@@ -106,10 +117,9 @@ def _one_track(
         series = moving
     sources = sorted({each.source for each in series})
     if len(sources) > 1:
-        return (
-            f"the joint {name} is in {' and '.join(sources)}: name the one to use by"
-            " `joint_states`, or keep one column"
-        )
+        in_topics = {*sources} <= {topic.name for topic in log.topics if topic.content == "joints"}
+        advice = "name the one to use by `joint_states`" if in_topics else "keep one column"
+        return f"the joint {name} is in {' and '.join(sources)}: {advice}"
     times = np.concatenate([each.times for each in series])
     positions = np.concatenate([each.positions for each in series])
     order = np.argsort(times, kind="stable")
@@ -131,6 +141,56 @@ def _one_track(
     if reading.angles is None and (reason := _beyond_limits(joint, positions)):
         return reason
     return JointSeries(sources[0], times[order], positions)
+
+
+def _question_commands(
+    tracks: Mapping[str, JointSeries | str], others: Mapping[str, list[JointSeries]]
+) -> None:
+    """Note positions that stand still, lead or are named otherwise than those that are left out.
+
+    Such are commands, on which no contact may depend.
+    """
+    for name, track in tracks.items():
+        for other in others.get(name, ()):
+            if isinstance(track, str):
+                break
+            lead = _lead(track, other)
+            if not np.ptp(track.positions) and np.ptp(other.positions):
+                seen = f"never changes in {track.source}, and does in {other.source}"
+            elif lead:
+                seen = f"is {lead:.2g} s earlier in {track.source} than in {other.source}"
+            elif _is_command(track.source) and not _is_command(other.source):
+                seen = f"is in {track.source}, named as commands, and in {other.source}"
+            else:
+                continue
+            note(
+                f"the joint {name} {seen}: if the first has commands and not measurements, give"
+                f" `joint_states` {other.source}"
+            )
+            return
+
+
+def _is_command(topic: str) -> bool:
+    return bool(COMMANDS & set(re.split(r"[^a-z]+", topic.lower())))
+
+
+def _lead(track: JointSeries, other: JointSeries) -> float:
+    """Return how much earlier a joint moves in one series than in another [s]; 0 if it does not.
+
+    The series are shifted until they agree; they must agree twice as well as unshifted.
+    """
+    ours, theirs = (np.argsort(each.times, kind="stable") for each in (track, other))
+    times, positions = other.times[theirs], other.positions[theirs]
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    if not step or not np.ptp(track.positions):
+        return 0.0
+    shifts = step * np.arange(int(_LATEST / step) + 1)
+    apart = []
+    for shift in shifts:
+        moved = np.interp(times - shift, track.times[ours], track.positions[ours])
+        apart.append(float(np.sqrt(np.mean((moved - positions) ** 2))))
+    best = int(np.argmin(apart))
+    return float(shifts[best]) if best > 1 and 2.0 * apart[best] < apart[0] else 0.0
 
 
 def _travel(positions: FloatArray) -> float:
@@ -172,6 +232,7 @@ class _LogWithLinks(RobotLog):
     log: RobotLog
     tree: FrameTree
     base: str
+    reach: float
 
     @property
     def topics(self) -> tuple[Topic, ...]:  # type: ignore[override]
@@ -191,8 +252,15 @@ class _LogWithLinks(RobotLog):
     def joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
         return self.log.joints(names)
 
+    def other_joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
+        return self.log.other_joints(names)
+
     def joint_names(self) -> tuple[str, ...]:
         return self.log.joint_names()
+
+    def other_readings(self) -> Mapping[str, RobotLog]:
+        others = self.log.other_readings().items()
+        return {advice: replace(self, log=log) for advice, log in others}
 
     def frames(self) -> FrameTree:
         return self.tree

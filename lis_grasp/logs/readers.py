@@ -5,6 +5,7 @@ ROS 1 bags, ROS 2 bags and MCAP files are read by `logs._bag_log`, CSV tables by
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol
 
@@ -51,8 +52,19 @@ class RobotLog(Protocol):
     def joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
         """Return the positions of the logged joints, from each of their sources."""
 
+    def other_joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
+        """Return the positions of joints on topics that the user left out."""
+
     def joint_names(self) -> tuple[str, ...]:
         """Return the names of joints, or what may be joints."""
+
+    def other_readings(self) -> Mapping[str, RobotLog]:
+        """Return the log with other meanings of the tip's topic, by the advice to take it so."""
+
+    @property
+    def reach(self) -> float:
+        """Largest distance of a link from the robot's base [m]; infinite if it is not known."""
+        ...
 
 
 def open_log(path: Path, *, posed: bool = True, reading: LogReading = LogReading()) -> RobotLog:

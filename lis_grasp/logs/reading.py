@@ -1,12 +1,15 @@
-"""Options for what a robot's log does not say: orientations, times, units, topics."""
+"""Options for what a robot's log does not say: orientations, times, units, topics, frames."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal, get_args
 
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration.touch_detection import TOUCHES
 from lis_grasp.io.csv_tables import ANGLES
-from lis_grasp.io.option import option, record_of_options
-from lis_grasp.logs._columns import ORIENTATIONS, Orientation
+from lis_grasp.io.option import at_least, option, place, record_of_options
+from lis_grasp.logs._column_names import ORIENTATIONS, Orientation
 
 Clock = Literal["header", "recording"]
 CLOCKS: tuple[str, ...] = get_args(Clock)
@@ -32,10 +35,10 @@ class LogReading:
     )
     angles: Literal["rad", "deg"] | None = option(
         None,
-        "unit of the positions of joints that turn",
+        "unit of joints that turn, and of angles whose columns state none",
         TOPICS,
         choices=tuple(ANGLES),
-        words="rad, compared with the limits of the joints",
+        words="rad, if limits of joints and numbers agree",
     )
     joint_states: tuple[str, ...] | None = option(
         None,
@@ -44,3 +47,83 @@ class LogReading:
         metavar="NAME",
         words="all, where each joint is on one",
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Finger:
+    """A finger of the log.
+
+    Parameters
+    ----------
+    force
+        Topic of its force; None takes the only one of the log.
+    tip
+        Topic or frame of its tip's pose; None takes the only topic of poses beside the object's.
+    name
+        Name of the finger in the contacts.
+    """
+
+    force: str | None = None
+    tip: str | None = None
+    name: str = ""
+
+
+@record_of_options
+class LogFrames:
+    """Frames of a log, and the object's; conditioning of the forces.
+
+    In Python, `object_frame` is a (4, 4) matrix or its rows.
+    """
+
+    object_pose: str | None = option(
+        None,
+        "topic or transform frame of the object's pose",
+        TOPICS,
+        metavar="NAME",
+        words="it is fixed",
+    )
+    object_frame: tuple[tuple[float, ...], ...] | None = option(
+        None,
+        "fixed pose of the object, X Y Z [QX QY QZ QW], in the frame of the tip's poses",
+        TOPICS,
+        metavar="NUMBER",
+        words="that frame is the object's",
+    )
+    tip_frame: str | None = option(
+        None, "frame of the tip's poses, if not in LOG", TOPICS, metavar="FRAME"
+    )
+    force_frame: str | None = option(
+        None,
+        "frame of the force: tip, base (of the tip's poses), or a frame of LOG",
+        TOPICS,
+        metavar="FRAME",
+        words="as LOG says, else the tip's",
+    )
+    tip_offset: tuple[float, float, float] = option(
+        (0.0, 0.0, 0.0),
+        "centre of the tip in the frame of its pose [m]",
+        TOUCHES,
+        metavar=("X", "Y", "Z"),
+        words="0 0 0",
+        check=place,
+    )
+    tare: float = option(
+        0.0,
+        "subtract the mean force of the first seconds",
+        TOUCHES,
+        metavar="SECONDS",
+        check=at_least(0),
+    )
+    smoothing: float = option(
+        0.0,
+        "length of a moving mean of the forces",
+        TOUCHES,
+        metavar="SECONDS",
+        check=at_least(0),
+    )
+
+    def __post_init__(self) -> None:
+        if self.object_pose is not None and self.object_frame is not None:
+            raise InvalidOptionError(
+                "the object's pose is either a topic or fixed; both are given: give one"
+            )

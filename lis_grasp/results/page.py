@@ -14,9 +14,10 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.exploration import Exploration, LoggedProbe, ProbeOutcome, Region
 from lis_grasp.geometry import inverse_pose, require_pose
+from lis_grasp.io.atomic_writing import write_bytes
 from lis_grasp.io.limits import reading
 from lis_grasp.io.surface_files import load_growth
-from lis_grasp.results.folder import LOG, read_touches
+from lis_grasp.results.folder import LOG, PAGE, PICTURE, read_touches
 from lis_grasp.results.run_results import SOURCES, Run
 from lis_grasp.results.summary import headline, run_lines
 from lis_grasp.robots.arm import Arm
@@ -30,9 +31,10 @@ from lis_grasp.world import Surroundings
 
 
 def write_scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Path:
-    """Write scene.html from the results in a folder, and return its path; see `scene_of`."""
-    path = directory / "scene.html"
-    scene_of(directory, report).save(path)
+    """Write page and picture of the results in a folder; return the page's path; see `scene_of`."""
+    path, scene = directory / PAGE, scene_of(directory, report)
+    scene.save(path)
+    write_bytes(directory / PICTURE, scene.png())
     return path
 
 

@@ -58,7 +58,8 @@ _SMALLEST_BODY, _LARGEST_BODY = 0.001, 3.0
 
 def read_description(path: Path, edits: DescriptionEdits | None = None) -> RobotModel:
     """Read links, joints, inertias and collision bodies; for errors see `build_model`."""
-    return build_model(parse_description(path), path, edits)
+    edits = edits or DescriptionEdits()
+    return build_model(parse_description(path, edits.xacro_args), path, edits)
 
 
 def build_model(

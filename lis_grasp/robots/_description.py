@@ -24,9 +24,11 @@ from lis_grasp.robots.schema import UNLIMITED
 _DRAKE = "{http://drake.mit.edu}"
 
 
-def parse_description(path: Path) -> yourdfpy.Robot:
+def parse_description(
+    path: Path, xacro_args: Mapping[str, str] = MappingProxyType({})
+) -> yourdfpy.Robot:
     """Return the links and joints that a URDF, SDF or MJCF has, unchecked."""
-    return parse_root(parse_xml(path), path)
+    return parse_root(parse_xml(path, xacro_args), path)
 
 
 def parse_root(root: ET.Element, path: Path) -> yourdfpy.Robot:
@@ -61,12 +63,21 @@ class DescriptionEdits:
     """Whether impossible inertias and missing masses are replaced; see `repaired_inertial`."""
     convex_parts: tuple[str, ...] = ()
     """Links whose meshes collide as several convex parts, not as one convex hull."""
+    xacro_args: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    """Arguments of a xacro file, by name."""
 
     @classmethod
     def of(cls, entry: Any) -> DescriptionEdits:
         """Return the edits of a checked YAML file, a hand's or an arm's."""
         parts = tuple(getattr(entry, "convex_parts", ()))  # an arm has none
-        return cls(entry.base_link, entry.locked_joints, entry.effort_limits, entry.repair, parts)
+        return cls(
+            entry.base_link,
+            entry.locked_joints,
+            entry.effort_limits,
+            entry.repair,
+            parts,
+            {name: str(value) for name, value in entry.xacro_args.items()},
+        )
 
 
 def apply_edits(robot: yourdfpy.Robot, edits: DescriptionEdits) -> yourdfpy.Robot:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import yourdfpy
@@ -37,6 +40,17 @@ class DescribedJoint:
         """Name of the joint that this one mimics; its own if it mimics none."""
         return str(self.joint.name if self.joint.mimic is None else self.joint.mimic.joint)
 
+    @property
+    def longest(self) -> float:
+        """Largest distance of the child's origin from the parent's [m]; infinite if unlimited."""
+        offset = float(np.linalg.norm(pose_matrix(self.joint.origin)[:3, 3]))
+        if self.is_fixed or self.joint.type in ("revolute", "continuous"):
+            return offset
+        limit = self.joint.limit
+        if self.joint.type != "prismatic" or limit is None or None in (limit.lower, limit.upper):
+            return math.inf
+        return offset + max(abs(limit.lower), abs(limit.upper))
+
     def poses(self, leader_positions: FloatArray) -> FloatArray:
         """Return poses X_PC (T, 4, 4) at positions (T,) of the leader [rad or m].
 
@@ -60,11 +74,36 @@ class DescribedJoint:
         return np.asarray(X_PJ @ X_JC)
 
 
-def read_joints(description: Path) -> tuple[DescribedJoint, ...]:
+def read_joints(
+    description: Path, xacro_args: Mapping[str, str] = MappingProxyType({})
+) -> tuple[DescribedJoint, ...]:
     """Return the joints of a URDF, SDF or MJCF in the order of the file.
+
+    `xacro_args` are the arguments of a xacro file.
 
     Raises `InvalidFileError` or `InvalidHandError` if the description cannot be read.
     """
     with naming(description):
-        robot = apply_edits(parse_description(description), DescriptionEdits())
+        robot = apply_edits(parse_description(description, xacro_args), DescriptionEdits())
     return tuple(DescribedJoint(joint, description) for joint in robot.joints)
+
+
+def reach_of(joints: Sequence[DescribedJoint]) -> float:
+    """Return a bound of the distance of a link's origin from the root's [m].
+
+    It is the largest sum, along a chain of joints, of their offsets and travels: a turn does not
+    lengthen an offset. Infinite if a joint slides without limits or floats.
+    """
+    reaches: dict[str, float] = {}
+    by_child = {joint.joint.child: joint for joint in joints}
+
+    def distance(link: str) -> float:
+        joint = by_child.get(link)
+        if joint is None:
+            return 0.0
+        if link not in reaches:
+            reaches[link] = math.inf  # of a loop
+            reaches[link] = distance(joint.joint.parent) + joint.longest
+        return reaches[link]
+
+    return max(map(distance, by_child), default=0.0)

@@ -38,9 +38,9 @@ def write_repaired(path: Path, edits: DescriptionEdits, output: Path) -> list[st
     """
     model = read_description(path, replace(edits, repair=True))
     repaired = model.inertials
-    robot = apply_edits(parse_description(path), edits)
+    robot = apply_edits(parse_description(path, edits.xacro_args), edits)
     centers = {each.name: link_inertial(each).center_L for each in robot.links}
-    root = parse_xml(path)
+    root = parse_xml(path, edits.xacro_args)
     form = {"sdf": "sdf", "robot": "urdf"}.get(root.tag)
     if form is None:
         raise InvalidHandError(

@@ -85,6 +85,9 @@ class _RobotEntry(_Record):
     model_from: str = Field(
         default="", description="How to get that file, for the message when it is missing."
     )
+    xacro_args: dict[Name, str | int | float] = Field(
+        default_factory=dict, description="Arguments of that file, if it is a xacro file."
+    )
     base_link: Name | None = Field(
         default=None, description="Root of the hand or arm: links before it are left out."
     )

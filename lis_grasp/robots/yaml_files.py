@@ -72,10 +72,11 @@ def read_arm_file(path_or_name: str | Path) -> dict[str, Any]:
     """Return the fields of an `Arm`; for arguments and errors see `Arm.load`."""
     file = _read_file(arm_path(path_or_name), "arm", ArmEntry, InvalidArmError)
     try:
-        root = parse_xml(file.description)
+        edits = DescriptionEdits.of(file.entry)
+        root = parse_xml(file.description, edits.xacro_args)
         robot, numbers = parse_root(root, file.description), read_joint_numbers(root)
         _cut_at_flange(robot, file.entry)
-        model = build_model(robot, file.description, DescriptionEdits.of(file.entry))
+        model = build_model(robot, file.description, edits)
     except (InvalidRobotError, InvalidFileError) as error:
         key = error.key if isinstance(error, InvalidRobotError) and error.key else "urdf"
         raise InvalidArmError(f"{file.name}: {error}", file=file.name, key=key) from None

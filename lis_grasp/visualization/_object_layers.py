@@ -54,13 +54,19 @@ def draw_estimates(
     canvas.layers.append(
         Layer("estimate", "Estimated surface", True, PLAIN_ESTIMATE_COLOUR, "from the contacts")
     )
-    values = surfaces[-1][1].vertex_attributes.get("uncertainty")
-    is_scaled = values is not None and bool(np.isfinite(values).any())
-    scale = ColourScale.of_object(size, values) if is_scaled else None
+    scale = uncertainty_scale(surfaces[-1][1], size)
     for count, mesh in surfaces:
         path = f"{OBJECT_NODE}/estimate/{count}"
         canvas.commands.append(_draw_estimate(path, mesh, scale))
     return scale
+
+
+def uncertainty_scale(mesh: trimesh.Trimesh, size: float) -> ColourScale | None:
+    """Return the colour scale of an object of `size` [m]; None without finite uncertainty."""
+    values = mesh.vertex_attributes.get("uncertainty")
+    if values is None or not np.isfinite(values).any():
+        return None
+    return ColourScale.of_object(size, values)
 
 
 def _draw_estimate(path: str, mesh: trimesh.Trimesh, scale: ColourScale | None) -> bytes:

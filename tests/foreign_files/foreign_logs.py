@@ -39,6 +39,23 @@ _TIMES |= {"%time": 1e9, "stamp": 1.0}
 _OTHERS = ("torque_x", "wrench.torque.z", "twist.linear.x", "seq", "battery", "v_x", "temperature")
 
 
+# Angles: names, what the user answers, the sequence in SciPy's words, and whether in degrees.
+_ANGLES: dict[str, tuple[tuple[str, str, str], str, str, bool]] = {
+    "rpy": (("roll", "pitch", "yaw"), "", "xyz", False),
+    "rpy in degrees": (("roll", "pitch", "yaw"), "", "xyz", True),
+    "kuka": (("A", "B", "C"), "ZYX", "ZYX", True),
+    "mitsubishi": (("A", "B", "C"), "rpy", "xyz", True),
+    "fanuc": (("W", "P", "R"), "", "xyz", True),
+    "yaskawa": (("Rx", "Ry", "Rz"), "rpy", "xyz", True),
+    "staubli": (("RX", "RY", "RZ"), "XYZ", "XYZ", True),
+    "greek": (("alpha", "beta", "gamma"), "ZYZ", "ZYZ", False),
+    "strange angles": (("ori1", "ori2", "ori3"), "rpy", "xyz", False),
+}
+_BASE_FORCES = ("ur", "franka")
+_FORMS = ["xyzw", "wxyz", "rotvec", "none", *_BASE_FORCES, *_ANGLES]
+_FORMS += ["strange quaternion", "strange matrix"]
+
+
 @dataclass(frozen=True)
 class ForeignLog:
     """A table, what its user knows, and whether a unit in it is mistaken."""
@@ -47,6 +64,10 @@ class ForeignLog:
     reading: LogReading
     frames: LogFrames
     mistaken: bool  # a unit that no name states, which must be refused
+
+
+_CONFUSED: dict[str, Any] = {"wxyz": "xyzw", "xyzw": "wxyz", "rotvec": "rpy", "rpy": "rotvec"}
+_CONFUSED |= {"ZYX": "rpy", "XYZ": "rpy", "ZYZ": "rpy"}
 
 
 @cache
@@ -77,7 +98,7 @@ def write_log(folder: Path, rng: np.random.Generator) -> ForeignLog:
     drawn = Rotation.from_euler("xyz", rng.uniform(-0.6, 0.6, (15, 3))) * Rotation.from_euler(
         "x", np.pi
     )
-    form = str(rng.choice(["xyzw", "wxyz", "rotvec", "rpy", "none"]))
+    form = str(rng.choice(_FORMS))
     turn = Rotation.from_quat(np.repeat(drawn.as_quat(), count, axis=0))
     offset = np.array([0.0, 0.0, 0.12])
     if form == "none":
@@ -86,15 +107,20 @@ def write_log(folder: Path, rng: np.random.Generator) -> ForeignLog:
     moving = rng.random() < 0.3
     if moving:
         move[:, :2] = 0.05 * np.column_stack([np.sin(0.2 * times), np.cos(0.2 * times)])
-    in_base = form != "none" and rng.random() < 0.5
+    in_base = form in _BASE_FORCES or (form != "none" and rng.random() < 0.5)
     flange = tips + move - turn.apply(offset)
     felt = forces if in_base else turn.inv().apply(forces)
     columns = _times(times, rng)
     unit, scale = _choice(_LENGTHS, rng)
-    mistaken = bool(unit == "" and rng.random() < 0.5)
-    columns |= _triple(str(rng.choice(_PLACES)), unit, flange * (1e3 if mistaken else scale))
-    columns |= _triple(str(rng.choice(_FORCES)), rng.choice(["", " [N]", "_n"]), felt)
-    columns |= _turn_columns(form, turn, rng)
+    mistaken = bool(unit == "" and rng.random() < 0.5) and form not in _BASE_FORCES
+    turned, known = _turn_columns(form, turn, rng)
+    if form in _BASE_FORCES:
+        unit, scale = "", 1.0
+        columns |= _arrays(form, flange, turn, felt, rng)
+    else:
+        columns |= _triple(str(rng.choice(_PLACES)), unit, flange * (1e3 if mistaken else scale))
+        columns |= _triple(str(rng.choice(_FORCES)), rng.choice(["", " [N]", "_n"]), felt)
+    columns |= turned
     if moving:
         columns |= _triple(str(rng.choice(_OBJECTS)), unit, move * (1e3 if mistaken else scale))
     for name in rng.choice(_OTHERS, size=int(rng.integers(0, 4)), replace=False):
@@ -107,10 +133,8 @@ def write_log(folder: Path, rng: np.random.Generator) -> ForeignLog:
     path = folder / "log.csv"
     path.write_bytes(end.join(lines).encode(str(rng.choice(["utf-8", "utf-8-sig"]))))
     frames = LogFrames(tip_offset=tuple(offset.tolist()), object_pose="object" if moving else None)
-    known = {"force_frame": "base"} if in_base else {}
-    asked = form in ("rotvec", "wxyz") or any(name.endswith(("q0", "q1")) for name in names)
-    reading = LogReading(orientation=form) if asked and form != "none" else LogReading()  # type: ignore[arg-type]
-    return ForeignLog(path, reading, replace(frames, **known), mistaken)
+    asked = {"force_frame": "base"} if in_base and form not in _BASE_FORCES else {}
+    return ForeignLog(path, LogReading(**known), replace(frames, **asked), mistaken)
 
 
 def _times(times: FloatArray, rng: np.random.Generator) -> dict[str, Any]:
@@ -130,22 +154,62 @@ def _times(times: FloatArray, rng: np.random.Generator) -> dict[str, Any]:
     return {name: np.round(stamps).astype(np.int64) if scale > 1e3 else stamps}
 
 
-def _turn_columns(form: str, turn: Rotation, rng: np.random.Generator) -> dict[str, Any]:
+def _turn_columns(
+    form: str, turn: Rotation, rng: np.random.Generator
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the columns of an orientation, and what their user knows about them."""
     q = turn.as_quat()
     if form == "xyzw":
         pattern = str(rng.choice(_TURNS))
-        return {pattern.format(axis): q[:, k] for k, axis in enumerate("xyzw")}
+        return {pattern.format(axis): q[:, k] for k, axis in enumerate("xyzw")}, {}
     if form == "wxyz":
         first = int(rng.integers(0, 2))
-        return {f"q{first + k}": q[:, (k - 1) % 4] for k in range(4)}
+        columns = {f"q{first + k}": q[:, (k - 1) % 4] for k in range(4)}
+        return columns, {"orientation": "wxyz"}
+    if form == "strange quaternion":
+        return {f"att_{axis}": q[:, k] for k, axis in enumerate("xyzw")}, {"orientation": "xyzw"}
+    if form == "strange matrix":
+        table = turn.as_matrix().reshape(-1, 9)
+        places = [f"R{row}{column}" for row in range(1, 4) for column in range(1, 4)]
+        return dict(zip(places, table.T, strict=True)), {"orientation": "matrix"}
     if form == "rotvec":
-        return {f"r{axis}": turn.as_rotvec()[:, k] for k, axis in enumerate("xyz")}
-    if form == "rpy":
-        degrees = rng.random() < 0.5
-        table = turn.as_euler("xyz", degrees=bool(degrees))
-        ending = rng.choice(["_deg", " [deg]"]) if degrees else ""
-        return {f"{name}{ending}": table[:, k] for k, name in enumerate(["roll", "pitch", "yaw"])}
-    return {}
+        pattern = str(rng.choice(["r{}", "rot_{}", "rotation.{}", "tcp_r{}"]))
+        return _triple(pattern, "", turn.as_rotvec()), {"orientation": "rotvec"}
+    if form not in _ANGLES:
+        return {}, {}
+    names, meaning, sequence, degrees = _ANGLES[form]
+    table = turn.as_euler(sequence, degrees=degrees)
+    ending = str(rng.choice(["_deg", " [deg]", ""] if degrees else ["", "_rad"]))
+    known: dict[str, Any] = {"orientation": meaning} if meaning else {}
+    known |= {"angles": "deg"} if degrees and not ending else {}
+    return {f"{name}{ending}": table[:, k] for k, name in enumerate(names)}, known
+
+
+def _arrays(
+    form: str, places: FloatArray, turn: Rotation, felt: FloatArray, rng: np.random.Generator
+) -> dict[str, Any]:
+    """Return the arrays that the recorders of two robots write, with their other columns."""
+    noise = rng.normal(size=(len(places), 7))
+    if form == "ur":
+        pose = np.hstack([places, turn.as_rotvec()])
+        arrays = {"actual_TCP_pose": pose, "actual_TCP_force": np.hstack([felt, noise[:, :3]])}
+        arrays |= {"actual_q": noise[:, :6], "actual_TCP_speed": noise[:, :6]}
+    else:
+        matrices = np.tile(np.eye(4), (len(places), 1, 1))
+        matrices[:, :3, :3], matrices[:, :3, 3] = turn.as_matrix(), places
+        own = turn.inv().apply(felt)
+        arrays = {
+            "O_T_EE": matrices.transpose(0, 2, 1).reshape(-1, 16),  # by columns
+            "O_F_ext_hat_K": np.hstack([felt, noise[:, :3]]),
+            "K_F_ext_hat_K": np.hstack([own, noise[:, :3]]),
+            "q": noise,
+        }
+    mark = str(rng.choice(["{}_{}", "{}[{}]"])) if form == "franka" else "{}_{}"
+    return {
+        mark.format(name, k): table[:, k]
+        for name, table in arrays.items()
+        for k in range(table.shape[1])
+    }
 
 
 def _triple(pattern: str, unit: str, table: FloatArray) -> dict[str, FloatArray]:
@@ -181,3 +245,7 @@ def check_log(folder: Path, rng: np.random.Generator) -> Iterator[tuple[str, Out
     yield "bare", outcome_of(lambda: read(LogReading(), bare), is_right)
     known = outcome_of(lambda: read(foreign.reading, foreign.frames), is_right)
     yield ("mistaken" if foreign.mistaken else "known"), known
+    given = foreign.reading.orientation
+    if given in _CONFUSED and not foreign.mistaken:
+        answer = replace(foreign.reading, orientation=_CONFUSED[given])
+        yield "answered wrongly", outcome_of(lambda: read(answer, foreign.frames), is_right)

@@ -33,7 +33,7 @@ from lis_grasp.logs import (
     PatchDetection,
     TactilePatches,
     TouchDetection,
-    _columns,
+    _column_names,
     contacts_from_log,
     contacts_from_patches,
     open_log,
@@ -49,7 +49,7 @@ def recording() -> Recording:
     return record()
 
 
-def _table(recording: Recording, path: Path, **columns: Any) -> Path:
+def table_of(recording: Recording, path: Path, **columns: Any) -> Path:
     """Write the columns of a recording, without those that are None, and with new ones."""
     head, *rows = write_csv(recording, path).read_text().splitlines()
     values = np.array([row.split(",") for row in rows], dtype=np.float64).T
@@ -62,10 +62,10 @@ def _table(recording: Recording, path: Path, **columns: Any) -> Path:
     return path
 
 
-_NO_TURN = dict.fromkeys(("qx", "qy", "qz", "qw"))
+NO_TURN = dict.fromkeys(("qx", "qy", "qz", "qw"))
 
 
-def _turns(recording: Recording, form: str) -> dict[str, Any]:
+def turns_of(recording: Recording, form: str) -> dict[str, Any]:
     turn = Rotation.from_quat(recording.X_WT[:, 3:])
     if form == "rotvec":
         return {f"r{a}": c for a, c in zip("xyz", turn.as_rotvec().T, strict=True)}
@@ -79,7 +79,7 @@ def _turns(recording: Recording, form: str) -> dict[str, Any]:
 def test_an_orientation_that_names_do_not_say_is_asked_for_and_then_right(
     form: Any, recording: Recording, tmp_path: Path
 ) -> None:
-    path = _table(recording, tmp_path / "log.csv", **_NO_TURN, **_turns(recording, form))
+    path = table_of(recording, tmp_path / "log.csv", **NO_TURN, **turns_of(recording, form))
     with pytest.raises(InvalidFileError) as error:
         contacts_from_log(open_log(path), [Finger()], OBJECT, TOUCH)
     assert error.value.path == path
@@ -90,14 +90,14 @@ def test_an_orientation_that_names_do_not_say_is_asked_for_and_then_right(
 def test_roll_pitch_and_yaw_are_an_orientation_in_radians_or_stated_degrees(
     recording: Recording, tmp_path: Path
 ) -> None:
-    angles = _turns(recording, "rpy")
-    path = _table(recording, tmp_path / "log.csv", **_NO_TURN, **angles)
+    angles = turns_of(recording, "rpy")
+    path = table_of(recording, tmp_path / "log.csv", **NO_TURN, **angles)
     assert_true(contacts_from_log(open_log(path), [Finger()], OBJECT, TOUCH)[0], recording)
     degrees = {f"{name}_deg": np.degrees(column) for name, column in angles.items()}
-    path = _table(recording, tmp_path / "log.csv", **_NO_TURN, **degrees)
+    path = table_of(recording, tmp_path / "log.csv", **NO_TURN, **degrees)
     assert_true(contacts_from_log(open_log(path), [Finger()], OBJECT, TOUCH)[0], recording)
     unstated = {name: np.degrees(column) for name, column in angles.items()}
-    path = _table(recording, tmp_path / "log.csv", **_NO_TURN, **unstated)
+    path = table_of(recording, tmp_path / "log.csv", **NO_TURN, **unstated)
     with pytest.raises(InvalidFileError):
         contacts_from_log(open_log(path), [Finger()], OBJECT, TOUCH)
 
@@ -106,7 +106,7 @@ def test_roll_pitch_and_yaw_are_an_orientation_in_radians_or_stated_degrees(
 def test_half_of_an_orientation_or_of_a_place_is_refused(
     lost: str, recording: Recording, tmp_path: Path
 ) -> None:
-    path = _table(recording, tmp_path / "log.csv", **{lost: None})
+    path = table_of(recording, tmp_path / "log.csv", **{lost: None})
     with pytest.raises(InvalidFileError):
         contacts_from_log(open_log(path), [Finger()], OBJECT, TOUCH)
 
@@ -128,9 +128,8 @@ def _in_base(recording: Recording) -> Recording:
     return replace(recording, forces=turned)
 
 
-def test_forces_that_agree_with_the_motions_in_another_frame_are_asked_for(
-    recording: Recording, tmp_path: Path
-) -> None:
+def test_forces_that_agree_with_the_motions_in_another_frame_are_asked_for(tmp_path: Path) -> None:
+    recording = record(touches=12)
     log = open_log(write_csv(_in_base(recording), tmp_path / "log.csv"))
     with pytest.raises(InvalidInputError):
         contacts_from_log(log, [Finger()], OBJECT, TOUCH)
@@ -165,7 +164,7 @@ def test_rows_that_repeat_a_time_are_taken_in_order(
     step: float, recording: Recording, tmp_path: Path
 ) -> None:
     coarse = np.floor((recording.times - recording.times[0]) / step + 1e-6) * step
-    path = _table(recording, tmp_path / "log.csv", time=coarse)
+    path = table_of(recording, tmp_path / "log.csv", time=coarse)
     with pytest.warns(LisGraspWarning, match="repeat a time"):
         log = open_log(path)
     assert_true(contacts_from_log(log, [Finger()], OBJECT, TOUCH)[0], recording)
@@ -177,7 +176,7 @@ def test_one_time_for_all_rows_and_whole_seconds_are_refused(
 ) -> None:
     whole = np.floor(recording.times) if time == "whole seconds" else 0.0 * recording.times + time
     with pytest.raises(InvalidFileError) as error:
-        open_log(_table(recording, tmp_path / "log.csv", time=whole))
+        open_log(table_of(recording, tmp_path / "log.csv", time=whole))
     assert "column time_" not in str(error.value)  # no unit makes them fine
 
 
@@ -188,7 +187,7 @@ def test_seconds_and_nanoseconds_in_two_columns_and_rostopic_names_are_times(
     whole = np.floor(recording.times)
     two = {"header.stamp.secs": whole, "header.stamp.nsecs": (recording.times - whole) * 1e9}
     for columns in (two, {"%time": nanoseconds}):
-        path = _table(recording, tmp_path / "log.csv", time=None, **columns)
+        path = table_of(recording, tmp_path / "log.csv", time=None, **columns)
         assert_true(contacts_from_log(open_log(path), [Finger()], OBJECT, TOUCH)[0], recording)
 
 
@@ -219,7 +218,7 @@ def test_poses_that_do_not_change_are_refused(recording: Recording, tmp_path: Pa
 def test_what_is_used_and_what_is_not_is_printed_and_in_the_header(
     recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = _table(recording, tmp_path / "log.csv", torque_x=recording.times, note=recording.times)
+    path = table_of(recording, tmp_path / "log.csv", torque_x=recording.times, note=recording.times)
     command = ["contacts", str(path), "--object-pose", "object", "--tip-radius", "0.006"]
     assert main([*command, "--normals", "force"]) == 0
     assert "not used: torque_x, note" in capsys.readouterr().out
@@ -375,20 +374,27 @@ def test_the_page_lists_the_columns_units_and_messages_that_are_understood() -> 
     listed = [
         (row[0].strip(), [set(re.findall(r"`([^`]+)`", c)) for c in row[1:]]) for row in tables
     ]
+    listed = [
+        (name, [{each.lower() for each in cell} if name == "arrays" else cell for cell in cells])
+        for name, cells in listed
+    ]
     turns = {False: set[str](), True: set[str]()}
-    for names, forms in _columns.TURNS.items():
-        turns[len(forms) > 1] |= {*names, *(forms if len(forms) > 1 else ())}
-    kinds = {word for words in _columns.KINDS.values() for word in words}
+    for names, forms in _column_names.TURNS.items():
+        inner = forms[0] in ("rotvec", "matrix") and len(forms) == 1  # of words and arrays
+        turns[len(forms) > 1] |= {*(() if inner else names), *(forms if len(forms) > 1 else ())}
+    kinds = {word for words in _column_names.KINDS.values() for word in words}
+    arrays = {*_column_names.ARRAYS, *_column_names.JOINT_ARRAYS}
     roles = {"force": "force", "pose": "pose", "joints": "joints", "frames": "transforms"}
     expected = [
-        ("time", [{*_columns.TIME, "secs", "nsecs"}, set(SECONDS)]),
-        ("force", [set(chain.from_iterable(_columns.FORCES)), set(NEWTONS)]),
-        ("place", [set(_columns.POINT), set(UNITS)]),
+        ("time", [{*_column_names.TIME, "secs", "nsecs"}, set(SECONDS)]),
+        ("force", [set(chain.from_iterable(_column_names.FORCES)), set(NEWTONS)]),
+        ("place", [set(_column_names.POINT), set(UNITS)]),
         ("orientation", [turns[False], set(ANGLES)]),
         ("orientation, by `--orientation`", [turns[True], set(ANGLES)]),
+        ("arrays", [arrays, set()]),
         ("words for a quantity", [kinds, set()]),
-        ("words for the tip", [set(_columns.BODIES["tip"]), set()]),
-        ("words for the object", [set(_columns.BODIES["object"]), set()]),
+        ("words for the tip", [set(_column_names.BODIES["tip"]), set()]),
+        ("words for the object", [set(_column_names.BODIES["object"]), set()]),
         *(
             (role, [{kind.rpartition("/")[2] for kind, of in CONTENT.items() if of == content}])
             for role, content in roles.items()

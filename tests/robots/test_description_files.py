@@ -11,6 +11,8 @@ from lis_grasp.exceptions import InvalidFileError, InvalidHandError, LisGraspErr
 from lis_grasp.robots._build_model import read_description
 from lis_grasp.robots._urdf import parse_xml
 from lis_grasp.robots.draft.pipeline import draft_hand
+from lis_grasp.robots.draft.yaml_text import hand_yaml
+from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.link_bodies import load_link_mesh
 from lis_grasp.robots.model_uri import resolve_uri
 
@@ -189,7 +191,7 @@ def test_macros_that_cannot_be_expanded_end_in_a_sentence(
 ) -> None:
     pytest.importorskip("xacro")
     if reason == "no end within":
-        monkeypatch.setattr("lis_grasp.robots._urdf._LONGEST", 2.0)
+        monkeypatch.setattr("lis_grasp.robots._xacro._LONGEST", 2.0)
     path = tmp_path / "hand.xacro"
     space = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
     path.write_text(f'<robot name="hand" {space}>{macro}</robot>')
@@ -292,3 +294,28 @@ def test_the_mesh_of_a_link_is_upright_in_every_format(tmp_path: Path, ending: s
     np.testing.assert_allclose(load_link_mesh(path, None).bounds, upright.bounds, atol=1e-6)
     scaled = load_link_mesh(path, [1.0, 2.0, 3.0])  # along the link's axes
     np.testing.assert_allclose(scaled.bounds, upright.bounds * [1.0, 2.0, 3.0], atol=1e-6)
+
+
+def test_arguments_of_a_xacro_file_are_given_and_kept_in_the_hands_yaml(tmp_path: Path) -> None:
+    pytest.importorskip("xacro")
+    space = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+    inside = "".join(
+        LINK.format(name=name, body=f"<origin xyz='0 0 0.03'/>{BOX.format(height=0.06)}")
+        for name in ("base", "$(arg side)_tip", "right_tip")
+    )
+    for name, side in (("$(arg side)", 1), ("right", -1)):
+        joint = JOINT.format(name=name, x=0.06 * side, limit=LIMIT, mimic="")
+        inside += joint.replace('axis xyz="1', f'axis xyz="{side}')
+    path = tmp_path / "grip.urdf.xacro"
+    argument = '<xacro:arg name="side" default="a"/>'
+    path.write_text(f'<robot name="grip" {space}>{argument}{inside}</robot>')
+    given = {"side": "1"}
+    draft = draft_hand(path, name="grip", xacro_args=given, rng=np.random.default_rng(0))
+    (tmp_path / "grip.yaml").write_text(hand_yaml(draft.hand, path.name, draft.edits))
+    hand = Hand.load(tmp_path / "grip.yaml")
+    assert (set(hand.joint_names), draft.edits.xacro_args) == ({"1", "right"}, given)
+    with pytest.raises(InvalidHandError, match="no argument sides; its arguments are side"):
+        parse_xml(path, {"sides": "left"})
+    (tmp_path / "plain.urdf").write_text(urdf())
+    with pytest.raises(InvalidHandError, match="xacro_args"):
+        parse_xml(tmp_path / "plain.urdf", given)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -66,6 +66,7 @@ def draft_hand(
     name: str,
     base_link: str | None = None,
     tips: Sequence[str] = (),
+    xacro_args: Mapping[str, str] = MappingProxyType({}),
     rng: np.random.Generator,
 ) -> HandDraft:
     """Return the draft of a hand.
@@ -81,6 +82,8 @@ def draft_hand(
         out, and a wrist is locked.
     tips
         Links of the fingertips; by default the leaves of the tree of links.
+    xacro_args
+        Arguments of a xacro file, by name; the YAML keeps them.
     rng
         For the samples of postures.
 
@@ -90,7 +93,7 @@ def draft_hand(
         If the description cannot be read, has no fingers, or no posture with opposed pads exists.
     """
     with naming(path):
-        described = _Described(path, tips, base_link)
+        described = _Described(path, tips, base_link, xacro_args)
         described.leave_out_robot(base_link)
         described.lock_wrist()
         described.split_concave_fingers()
@@ -120,10 +123,16 @@ def draft_hand(
 class _Described:
     """A hand's description on the way to a draft: edits, the model and fingers by them, notes."""
 
-    def __init__(self, path: Path, tips: Sequence[str], base_link: str | None) -> None:
-        self._path, self._tips, self._robot = path, tips, parse_description(path)
+    def __init__(
+        self,
+        path: Path,
+        tips: Sequence[str],
+        base_link: str | None,
+        xacro_args: Mapping[str, str],
+    ) -> None:
+        self._path, self._tips, self._robot = path, tips, parse_description(path, xacro_args)
         self.notes = list(getattr(self._robot, "notes", ()))  # of an MJCF
-        self.edits = DescriptionEdits(base_link=base_link, repair=True)
+        self.edits = DescriptionEdits(base_link, repair=True, xacro_args=xacro_args)
         self._set_missing_efforts()
         self.model = self._built(self.edits)
 

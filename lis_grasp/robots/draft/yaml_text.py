@@ -25,6 +25,9 @@ def _lines(hand: Hand, urdf: str, edits: DescriptionEdits, notes: Sequence[str])
     yield f"name: {word(hand.name)}"
     yield f"kind: {hand.kind}  # multi_finger: rounded pads; parallel_jaw: two flat parallel pads"
     yield f"urdf: {word(urdf)}"
+    if edits.xacro_args:
+        given = ", ".join(f"{word(k)}: {word(v)}" for k, v in edits.xacro_args.items())
+        yield f"xacro_args: {{{given}}}"
     if edits.base_link is not None:
         yield f"base_link: {word(edits.base_link)}  # links before it are left out"
     if edits.locked_joints:
