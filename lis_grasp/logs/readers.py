@@ -62,6 +62,11 @@ class RobotLog(Protocol):
         """Return the log with other meanings of the tip's topic, by the advice to take it so."""
 
     @property
+    def unit_advice(self) -> str:
+        """What to do if positions are not in metres."""
+        ...
+
+    @property
     def reach(self) -> float:
         """Largest distance of a link from the robot's base [m]; infinite if it is not known."""
         ...
