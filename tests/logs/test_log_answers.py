@@ -13,7 +13,13 @@ from logs.test_log_touches import TOUCH, assert_true, robot_of
 from scipy.spatial.transform import Rotation
 from touch_recording import Recording, record, write_bag, write_csv
 
-from lis_grasp.exceptions import InvalidFileError, InvalidInputError, LisGraspWarning
+from lis_grasp.cli.main import main
+from lis_grasp.exceptions import (
+    InvalidFileError,
+    InvalidInputError,
+    InvalidOptionError,
+    LisGraspWarning,
+)
 from lis_grasp.logs import Finger, LogFrames, LogReading, contacts_from_log, open_log
 from lis_grasp.logs._doubts import require_places
 from lis_grasp.logs.joint_frames import with_link_frames
@@ -276,3 +282,40 @@ def test_stamps_that_repeat_by_both_clocks_are_not_sent_to_the_other(
     with pytest.raises(InvalidInputError) as error:
         contacts_from_log(open_log(path), [Finger()], LogFrames(object_pose="/object"), TOUCH)
     assert "`clock`" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "reading", "option"),
+    [
+        ("csv", LogReading(clock="recording"), "clock"),
+        ("csv", LogReading(joint_states=("/joint_states",)), "joint_states"),
+        ("bag", LogReading(orientation="wxyz"), "orientation"),
+    ],
+)
+def test_an_option_that_a_log_has_no_use_for_is_refused(
+    kind: str, reading: LogReading, option: str, tmp_path: Path
+) -> None:
+    path = tmp_path / f"log.{kind}"
+    path.touch()
+    with pytest.raises(InvalidOptionError) as error:
+        open_log(path, reading=reading)
+    assert (error.value.option, error.value.value) == (option, getattr(reading, option))
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("log.npz", "--tare 1"),
+        ("log.npz", "--urdf r.urdf"),
+        ("log.npz", "--list"),
+        ("log.csv", "--indentation 0.001"),
+        ("log.csv", "--xacro-args a:=b"),
+        ("log.csv", "--joint-states /joint_states"),
+    ],
+)
+def test_an_option_of_another_kind_of_file_is_refused(
+    name: str, given: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / name).touch()
+    assert main(["contacts", str(tmp_path / name), *given.split()]) == 2
+    assert given.split()[0] in capsys.readouterr().err
