@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from lis_grasp.robots.hand import Hand as Hand
     from lis_grasp.shapes import Shape as Shape
     from lis_grasp.stages.estimate import estimate as estimate
+    from lis_grasp.stages.surroundings import load_world as load_world
     from lis_grasp.surfaces import BlendedImplicitSurface as BlendedImplicitSurface
     from lis_grasp.surfaces import (
         GaussianProcessImplicitSurface as GaussianProcessImplicitSurface,
@@ -47,6 +48,8 @@ if TYPE_CHECKING:
     from lis_grasp.task import load_scene as load_scene
     from lis_grasp.task import write_scene as write_scene
     from lis_grasp.visualization import Scene as Scene
+    from lis_grasp.world import Body as Body
+    from lis_grasp.world import Surroundings as Surroundings
 
 _HOMES = {
     "contacts": "Contacts",
@@ -63,12 +66,14 @@ _HOMES = {
     "robots.hand": "Hand",
     "shapes": "Shape",
     "stages.estimate": "estimate",
+    "stages.surroundings": "load_world",
     "surfaces": (
         "BlendedImplicitSurface GaussianProcessImplicitSurface ImplicitSurface LocalImplicitSurface"
         " PatchImplicitSurface SmoothImplicitSurface load_contacts"
     ),
     "task": "Decide Known Robot Task World load_scene write_scene",
     "visualization": "Scene",
+    "world": "Body Surroundings",
 }
 
 if OldModules not in sys.meta_path:
@@ -76,3 +81,10 @@ if OldModules not in sys.meta_path:
 
 __all__ = ["__version__", "pipeline", "shapes", *" ".join(_HOMES.values()).split()]
 __getattr__, __dir__ = module_names(__name__, __all__, _HOMES)
+
+if "IPython" in sys.modules:  # a notebook, or a library that loads it without a shell
+    _shell = sys.modules["IPython"].get_ipython()
+    if _shell is not None:
+        from lis_grasp._displays import register
+
+        register(_shell.display_formatter)

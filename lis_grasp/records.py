@@ -14,6 +14,8 @@ _SHOWN = 4
 
 _Array = TypeVar("_Array", bound="np.ndarray[Any, Any]")
 _Record = TypeVar("_Record")
+_Key = TypeVar("_Key")
+_Value = TypeVar("_Value")
 
 
 class Record:
@@ -65,6 +67,21 @@ class FrozenArrays:
             for array in value.values() if isinstance(value, Mapping) else (value,):
                 if isinstance(array, np.ndarray):
                     array.flags.writeable = False
+
+
+class FrozenDict(dict[_Key, _Value]):
+    """A dictionary that is not changed; unlike a mapping proxy, `asdict` and pickle take it."""
+
+    __slots__ = ()
+
+    def _refuse(self, *_: object, **__: object) -> Any:
+        raise TypeError("this dictionary is read-only: change dict(...) of it, a copy")
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
+
+    def __reduce__(self) -> tuple[type, tuple[dict[_Key, _Value]]]:
+        return type(self), (dict(self),)
 
 
 def read_only(array: _Array) -> _Array:

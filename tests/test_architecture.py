@@ -53,7 +53,7 @@ LAYERS = [
     ["pipeline"],
     ["drake"],
     ["cli"],
-    ["lis_grasp"],
+    ["lis_grasp", "_displays"],
 ]
 # What decides for the robot: it may know the true object by contacts only.
 _ROBOT = ("exploration", "surfaces", "meshing", "grasping")

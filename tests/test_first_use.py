@@ -9,7 +9,6 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import resolve_name
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -110,8 +109,12 @@ def test_an_estimate_is_that_of_the_pipeline() -> None:
 # ---------------------------------------------------------------- grasps
 
 
-def test_a_search_is_a_sequence_with_a_best_grasp(gripper: Hand, box: trimesh.Trimesh) -> None:
-    search = lis_grasp.plan(box, gripper, grasps=2)
+@pytest.fixture(scope="module")
+def search(gripper: Hand, box: trimesh.Trimesh) -> GraspSearch:
+    return lis_grasp.plan(box, gripper, grasps=2)
+
+
+def test_a_search_is_a_sequence_with_a_best_grasp(search: GraspSearch) -> None:
     assert [grasp.epsilon for grasp in search] == [g.quality["epsilon"] for g in search.grasps]
     assert len(search) == 2
     assert search[:1] == (search.best,)
@@ -122,6 +125,7 @@ def test_a_search_is_a_sequence_with_a_best_grasp(gripper: Hand, box: trimesh.Tr
         GraspSearch((), {"reach": 2, "collision": 5}, 7).best  # noqa: B018
 
 
+@pytest.mark.slow
 def test_a_seed_stands_for_a_generator(gripper: Hand, box: trimesh.Trimesh) -> None:
     sampler = ForceClosureSampler(gripper, candidates=50)
     first, second = sampler.sample(box, count=1), sampler.sample(box, rng=0, count=1)
@@ -259,9 +263,9 @@ def test_one_seed_is_given(box: trimesh.Trimesh) -> None:
 
 
 def test_a_grasp_names_its_hand(
-    gripper: Hand, box: trimesh.Trimesh, monkeypatch: pytest.MonkeyPatch
+    gripper: Hand, box: trimesh.Trimesh, search: GraspSearch, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    grasp = lis_grasp.plan(box, gripper, grasps=1).best
+    grasp = search.best
     monkeypatch.setattr(direct, "lift_object", lambda scenario, grasp: (scenario, grasp))
     for arguments in ((grasp,), (gripper, grasp), ("wsg50", grasp)):
         scenario, lifted = lis_grasp.lift(box, *arguments)
@@ -274,9 +278,9 @@ def test_a_grasp_names_its_hand(
 
 
 def test_a_name_stands_for_an_object_or_is_answered() -> None:
-    sphere = lis_grasp.shapes.find("sphere")
-    for truth in ("sphere", sphere):
-        assert lis_grasp.surface_error(sphere.mesh, truth, samples=100).rmsd < 1e-6
+    box = lis_grasp.shapes.find("box")
+    for truth in ("box", box):
+        assert lis_grasp.surface_error(box.mesh, truth, samples=100).rmsd < 1e-6
     with pytest.raises(InvalidFileError, match=r"shapes.find\('box'\)"):
         lis_grasp.shapes.load("box")
 
@@ -290,8 +294,13 @@ def test_every_public_name_is_found_after_importing_the_package_alone() -> None:
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("package", [lis_grasp, pipeline, lis_grasp.surfaces, lis_grasp.drake])
-def test_the_signature_of_a_public_class_names_its_fields(package: ModuleType) -> None:
+@pytest.mark.parametrize(
+    "name",
+    ["", ".pipeline", ".surfaces", ".exploration", ".shapes", ".visualization", ".task"]
+    + [".logs", ".drake"],
+)
+def test_the_signature_of_a_public_class_names_its_fields(name: str) -> None:
+    package = import_module(f"lis_grasp{name}")
     public = (getattr(package, name) for name in package.__all__)
     records = [value for value in public if inspect.isclass(value) and is_dataclass(value)]
     for kind in (kind for kind in records if "names_of_2" not in kind.__module__):

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import copy
+import pickle
+from base64 import b64encode
+from dataclasses import asdict, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -72,6 +75,31 @@ def test_a_table_of_grasps_has_a_row_each_by_rank() -> None:
     assert_array_equal(table.loc[1, ["x", "y", "z"]].astype(float), SEARCH.best.X_OH[:3, 3])
 
 
+def test_pandas_takes_contacts_and_searches_by_themselves() -> None:
+    pandas = pytest.importorskip("pandas")
+    assert_array_equal(pandas.DataFrame(CONTACTS), np.asarray(CONTACTS))
+    table = pandas.DataFrame(SEARCH)
+    assert list(table["hand"]) == ["wsg50", "wsg50"]
+    assert table["quality"][1] == SEARCH[1].quality
+
+
+def test_a_grasp_is_a_dictionary_and_its_quality_is_read_only() -> None:
+    grasp = made_grasp()
+    assert asdict(grasp)["quality"] == {"epsilon": 0.0}
+    assert pickle.loads(pickle.dumps(grasp)) == grasp  # noqa: S301
+    assert copy.deepcopy(grasp.quality) == grasp.quality
+    for change in (
+        lambda q: q.update(epsilon=1.0),
+        lambda q: q.__setitem__("epsilon", 1.0),
+        lambda q: q.pop("epsilon"),
+        lambda q: q.setdefault("more", 1.0),
+        lambda q: q.clear(),
+    ):
+        with pytest.raises(TypeError, match="read-only"):
+            change(grasp.quality)
+    assert grasp == made_grasp()
+
+
 def test_a_table_without_pandas_names_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lis_grasp.exceptions.find_spec", lambda name: None)
     for record in (CONTACTS, SEARCH):
@@ -128,6 +156,7 @@ def test_a_surface_is_called_and_predicts(name: str, height: float | None) -> No
     assert_array_equal(surface(points), surface.evaluate(points))
     assert_array_equal(surface.predict(points), surface.evaluate(points))
     mean, deviation = surface.predict(points, return_std=True)
+    assert_array_equal(surface.predict(points, True), [mean, deviation])  # as scikit-learn's
     assert_array_equal(mean, surface.evaluate(points))
     assert_array_equal(deviation, surface.uncertainty(points))
 
@@ -143,10 +172,12 @@ def test_a_notebook_displays_contacts_grasps_and_runs(tmp_path: Path) -> None:
     assert len(shown) < 3000
     assert "<circle" not in Contacts.empty()._repr_html_()
     run = lg.Run(tmp_path, {}, CONTACTS, None, None, None, None)
-    assert "<iframe" not in run._repr_html_()
+    assert ElementTree.fromstring(run._repr_html_()).find("iframe") is None
     (tmp_path / "scene.html").write_text("<b>page</b>")
-    frame = ElementTree.fromstring(run._repr_html_())
-    assert frame.get("srcdoc") == "<b>page</b>"
+    (tmp_path / "scene.png").write_bytes(b"picture")
+    shown = ElementTree.fromstring(run._repr_html_())
+    assert shown.find("iframe").get("srcdoc") == "<b>page</b>"
+    assert shown.find("summary/img").get("src").endswith(b64encode(b"picture").decode())
     table = ElementTree.fromstring(SEARCH._repr_html_())
     assert len(table.findall("./tbody/tr")) == 2
     assert "3" in GraspSearch((), {"collision": 3}, 3)._repr_html_()

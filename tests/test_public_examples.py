@@ -16,9 +16,10 @@ _OF_DRAKE = ("AddMultibodyPlantSceneGraph", "DiagramBuilder", "RigidTransform")
 _VALUES = ("__version__", "pipeline.SILENT")  # have no docstring of their own
 _NAMES = [*lis_grasp.__all__, *(f"pipeline.{name}" for name in pipeline.__all__)]
 _NAMES += [f"drake.{name}" for name in drake.__all__]
-# Examples that simulate a lift.
+# Examples that simulate a lift, or plan and watch as others do.
 _SLOW = {"run", "Run", "lift", "pipeline.lift_each", "pipeline.lift_file"}
-_SLOW |= {"pipeline.run", "pipeline.Run", "pipeline.lift"}
+_SLOW |= {"pipeline.run", "pipeline.Run", "pipeline.lift", "pipeline.label_file"}
+_SLOW |= {"Grasp", "GraspSearch", "pipeline.plan", "pipeline.grasp_file", "pipeline.Watched"}
 
 
 def _marked(name: str) -> object:

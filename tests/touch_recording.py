@@ -32,7 +32,7 @@ class Recording:
     normals: FloatArray  # (N, 3)
 
 
-def record(*, moving: bool = True, touches: int = 12, seed: int = 0) -> Recording:
+def record(*, moving: bool = True, touches: int = 6, seed: int = 0) -> Recording:
     """Touch the faces of the box one after the other, obliquely, and retreat."""
     rng = np.random.default_rng(seed)
     path, points, normals = [], [], []

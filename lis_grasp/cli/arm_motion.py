@@ -17,6 +17,7 @@ from lis_grasp.arms.transit import GraspMotion, closing_motion, plan_grasp_motio
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
+from lis_grasp.geometry import require_pose
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.io.trajectory_files import write_joint_trajectory, write_trajectory_csv
@@ -67,7 +68,8 @@ def execute(options: argparse.Namespace) -> None:
     if mesh is None:
         say(f"warning: without {surface} the paths do not avoid the object")
     height = float(recorded.get("support_height", 0.0))
-    arm, surroundings = Arm.load(name), find_surroundings(task)
+    X_WE = require_pose("X_WE", recorded.get("X_WE", np.eye(4)))
+    arm, surroundings = Arm.load(name), find_surroundings(task, height).in_frame(X_WE)
     with Stage(f"Planning the motion of {arm.name} with {hand.name}") as stage:
         rank, station, motion = _first_motion(
             grasps,

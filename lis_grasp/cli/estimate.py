@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from lis_grasp.cli import options as opt
-from lis_grasp.cli.progress import PRINTED, say
+from lis_grasp.cli.progress import PRINTED, next_step, say
 from lis_grasp.evaluation.touch_coverage import touch_coverage, touch_radius
 from lis_grasp.results.estimated_file import estimate_file, millimetres
 
@@ -54,4 +54,4 @@ def execute(options: argparse.Namespace) -> None:
         " contact on its side; bulges and concavities there are unknown"
     )
     say(f"wrote {made.path}" + (", contacts.ply" if made.has_new_contacts else ""))
-    say(f"next: lis-grasp grasp {made.path}")
+    say(next_step("lis-grasp grasp {}", made.path))

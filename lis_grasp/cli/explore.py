@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from lis_grasp.cli import options as opt
-from lis_grasp.cli.progress import PRINTED, say
+from lis_grasp.cli.progress import PRINTED, next_step, say
 from lis_grasp.cli.view import watched
 from lis_grasp.results.exploring import explore_object
 from lis_grasp.results.folder import LOG, results_folder
@@ -39,7 +39,7 @@ def _explore(task: Task, folder: Path, *, fresh: bool) -> int:
     say(f"ended: {exploration.ended}")
     say(f"wrote {path} ({len(exploration.contacts)} contacts), {folder / LOG}")
     if not len(exploration.contacts):
-        say(f"next: lis-grasp view {folder} shows where the hand was; no contact was made")
+        say(next_step("lis-grasp view {} shows where the hand was; no contact was made", folder))
         return 1
-    say(f"next: lis-grasp estimate {path}")
+    say(next_step("lis-grasp estimate {}", path))
     return 0

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lis_grasp.cli import options as opt
-from lis_grasp.cli.progress import PRINTED, Stage, say, say_search
+from lis_grasp.cli.progress import PRINTED, Stage, next_step, say, say_search
 from lis_grasp.exceptions import InvalidOptionError, require_packages
 from lis_grasp.exports.dexgraspbench import TabletopObject, save_for_dexgraspbench
 from lis_grasp.grasping.export import save_isaac_grasps, save_moveit_grasps
@@ -105,11 +105,13 @@ def execute(options: argparse.Namespace) -> int:
         say(f"wrote {folder}: copy hand/lis_{hand.name}.yaml to the benchmark's config/hand, then")
         say(f"  python src/main.py task=eval hand=lis_{hand.name} save_dir={folder}")
     if not made.search.grasps:
-        say(f"next: lis-grasp view {made.path.parent} shows the surface; then another hand,")
+        shows = "lis-grasp view {} shows the surface; then another hand,"
+        say(next_step(shows, made.path.parent))
         say("  or what the most frequent reason above names")
         return 1
     known = "object" in made.recorded
-    say(f"next: lis-grasp {f'lift {made.path}' if known else f'view {made.path.parent}'}")
+    lift, view = ("lis-grasp lift {}", made.path), ("lis-grasp view {}", made.path.parent)
+    say(next_step(*(lift if known else view)))
     return 0
 
 

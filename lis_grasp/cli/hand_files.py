@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lis_grasp.cli import options as opt
-from lis_grasp.cli.progress import say, say_findings
+from lis_grasp.cli.progress import next_step, say, say_findings
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.robots.draft.pipeline import draft_hand
@@ -68,7 +68,7 @@ def write_draft(options: argparse.Namespace) -> None:
         say(f"note  {note}")
     say_findings(check_hand(hand))
     say(f"wrote {output}: joints: {len(hand.joint_names)}, fingers: {', '.join(hand.fingers)}")
-    say(f"next: lis-grasp hand view {output}, or: lis-grasp run box --hand {output}")
+    say(next_step("lis-grasp hand view {0}, or: lis-grasp run box --hand {0}", output))
 
 
 def write_page(options: argparse.Namespace) -> None:
@@ -84,7 +84,5 @@ def write_page(options: argparse.Namespace) -> None:
     headline += [(str(len(hand.joint_names)), "joints")] if headline else []
     write_text(output, hand_page(hand, headline=headline, summary=lines))
     say(f"wrote {output}")
-    say(
-        f"next: open {output}; then edit the YAML and check it: lis-grasp doctor --hand"
-        f" {options.hand}"
-    )
+    edited = "open {}; then edit the YAML and check it: lis-grasp doctor --hand {}"
+    say(next_step(edited, output, options.hand))

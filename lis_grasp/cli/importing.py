@@ -7,6 +7,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from types import FrameType, ModuleType
 
 _AGAIN = 0.02  # [s] after which an interrupt during an import is raised again
@@ -26,10 +27,14 @@ def import_uncollected(load: Callable[[], ModuleType]) -> ModuleType:
     try:
         return load()
     finally:
-        if not gc.get_freeze_count():  # once per process: frozen garbage stays for ever
-            gc.freeze()
-            gc.set_threshold(*_GARBAGE_THRESHOLDS)
+        _collect_rarely()
         gc.enable()
+
+
+@cache  # once per process: frozen garbage stays for ever
+def _collect_rarely() -> None:
+    gc.freeze()
+    gc.set_threshold(*_GARBAGE_THRESHOLDS)
 
 
 @contextmanager

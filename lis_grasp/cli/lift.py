@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from lis_grasp.cli import options as opt
-from lis_grasp.cli.progress import PRINTED, say
+from lis_grasp.cli.progress import PRINTED, next_step, say
 from lis_grasp.results.lifted_file import lift_file
 from lis_grasp.results.summary import LIFT_REASONS
 
@@ -36,4 +36,4 @@ def execute(options: argparse.Namespace) -> None:
         ranks = ", ".join(str(lift["rank"]) for lift in made.lifts if lift["reason"] == reason)
         say(f"grasp {ranks} not held: {LIFT_REASONS.get(reason, reason)}")
     say(f"wrote {made.path}")
-    say(f"next: lis-grasp view {made.path.parent}")
+    say(next_step("lis-grasp view {}", made.path.parent))

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.cli.options import add_declared, add_xacro_args, xacro_args
-from lis_grasp.cli.progress import PRINTED, Stage, say
+from lis_grasp.cli.progress import PRINTED, Stage, next_step, say
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidInputError, InvalidOptionError
 from lis_grasp.exploration.touch_detection import TOUCHES, TouchDetection
@@ -178,7 +178,7 @@ def _write(options: argparse.Namespace, contacts: Contacts, **account: Any) -> N
     else:
         contacts.save(path, header=header)
     say(f"wrote {path}")
-    say(f"next: lis-grasp estimate {path}")
+    say(next_step("lis-grasp estimate {}", path))
 
 
 def _output(options: argparse.Namespace) -> Path:

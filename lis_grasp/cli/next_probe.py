@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, TypeAlias
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.cli import options as opt
-from lis_grasp.cli.progress import Stage, complain, say
+from lis_grasp.cli.progress import Stage, complain, next_step, say
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Exploration, Observation, TouchLog
@@ -29,13 +29,14 @@ from lis_grasp.stages.contact_sources import (
 )
 from lis_grasp.stages.next_touch import NextTouch, ObjectPlace, next_touch
 from lis_grasp.surfaces import judge_contacts
+from lis_grasp.surfaces.contact_checks import doubt_of_side
 from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
 
 _READING = ("units", "normals", "fingertip_radius", "viewpoint")  # what a file does not say
 _NOISE = ("position_noise", "normal_noise")
 _Before: TypeAlias = tuple[Contacts, tuple[Observation, ...], dict[str, Any]]
-_OPTIONS = ("hand", "estimator", "policy", "slide", *_NOISE, "world", "seed", "keep_all")
+_OPTIONS = ("hand", "estimator", "policy", "slide", *_NOISE, "world", "at", "seed", "keep_all")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -115,8 +116,8 @@ def execute(options: argparse.Namespace) -> None:
     with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
         touch = next_touch(agent, before, observations)
         stage.result = f"policy {task.decide.policy}"
-    if place.doubt(contacts):
-        say(f"warning: {place.doubt(contacts)}")
+    for doubt in filter(None, (place.doubt(contacts), doubt_of_side(contacts))):
+        say(f"warning: {doubt}")
     for line in _lines(touch):
         say(line)
     path = options.output or (options.contacts or Path()).parent
@@ -216,7 +217,7 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, task: Task) -> None:
             address = options.socket if options.port is None else options.port
             serve_socket(service.answer, address, lambda name: say(f"ready: {name}"))
     if path.exists():
-        complain(f"next: the same command with {path} as CONTACTS goes on")
+        complain(next_step("the same command with {} as CONTACTS goes on", path))
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from lis_grasp.cli.progress import say, with_flags
+from lis_grasp.cli.progress import next_step, say, with_flags
 from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.io.option import Option, kind_of, options_of
 from lis_grasp.shapes import UNITS
@@ -203,7 +203,7 @@ def written_scene(options: argparse.Namespace) -> bool:
         raise InvalidOptionError.out_of_range("--write-scene", str(path), "a name with .yaml")
     write_scene(configure_touch(options), path)
     say(f"wrote {path}, and {SCHEMA_NAME} beside it")
-    say(f"next: lis-grasp run {path}")
+    say(next_step("lis-grasp run {}", path))
     return True
 
 

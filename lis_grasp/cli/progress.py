@@ -7,11 +7,13 @@ import io
 import logging
 import os
 import re
+import shlex
 import shutil
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lis_grasp.exceptions import OutputError
@@ -128,6 +130,11 @@ def say(text: str) -> None:
         if isinstance(error, BrokenPipeError):  # the reader wants no more
             raise
         raise OutputError(f"cannot write to standard output: {error.strerror}") from None
+
+
+def next_step(text: str, *paths: Path | str) -> str:
+    """Return advice on what to do next: paths replace ``{}`` or ``{0}``, as a shell reads them."""
+    return f"next: {text.format(*(shlex.quote(str(path)) for path in paths))}"
 
 
 class _Printed:

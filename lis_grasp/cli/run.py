@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 
 from lis_grasp.cli import options as opt
-from lis_grasp.cli.progress import PRINTED, complain, say, say_search
+from lis_grasp.cli.progress import PRINTED, complain, next_step, say, say_search
 from lis_grasp.cli.view import watched
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, LisGraspError, counted
-from lis_grasp.results.folder import results_folder
+from lis_grasp.results.folder import PAGE, RUN_FILES, results_folder
 from lis_grasp.results.summary import run_lines
 from lis_grasp.results.whole_run import run_task
 from lis_grasp.stages.scenario import find_object
@@ -71,6 +71,6 @@ def _run(task: Task, folder: Path, *, fresh: bool) -> int:
         say_search(run.grasps)
     for line in run_lines(run.report or {}):
         say(line)
-    say(f"wrote {run.folder}/contacts.ply, surface.ply, grasps.json, report.json, scene.html")
-    say(f"next: open {run.folder}/scene.html, or: lis-grasp view {run.folder}")
+    say(f"wrote {run.folder}/{', '.join(RUN_FILES)}")
+    say(next_step("open {}, or: lis-grasp view {}", run.folder / PAGE, run.folder))
     return 0 if found else 1

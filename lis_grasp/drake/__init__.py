@@ -6,6 +6,7 @@ from lis_grasp.drake.grasp_planner import GraspPlanner
 from lis_grasp.drake.haptic_explorer import HapticExplorer
 from lis_grasp.drake.surface_estimator import SurfaceEstimator
 from lis_grasp.simulation.drake.touch_sensor import TouchSensor
+from lis_grasp.simulation.drake.world_bodies import surroundings_of
 
 __all__ = [
     "GraspPlanner",
@@ -14,5 +15,6 @@ __all__ = [
     "TouchSensor",
     "add_hand",
     "add_object",
+    "surroundings_of",
 ]
 __getattr__, __dir__ = module_names(__name__, __all__)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import trimesh
 from pydrake.math import RigidTransform
 from pydrake.trajectories import PiecewisePolynomial, PiecewisePose
 from scipy.spatial.transform import Rotation
@@ -20,6 +22,7 @@ from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import apply_pose, inverse_pose, make_pose, relative_rotation
 from lis_grasp.probing.course import Course, path_back, path_out
 from lis_grasp.probing.probe_planner import NO_ARM_TRANSIT, ProbePlanner, home_of, transit_radii
+from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import by_joint_kind
 from lis_grasp.simulation.drake.plant_parts import rigid
@@ -36,8 +39,8 @@ _SIDES = np.array([[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 
 class FreeMover:
     """Moves a free hand: around the object in transit, straight on approach and probe.
 
-    A transit keeps out of the object's ball and off the table: straight if possible, else above the
-    ball, else around it.
+    A transit keeps out of the object's ball, off the table and off known bodies, a mesh [m] in E:
+    straight if possible, else above the ball, else around it.
     """
 
     def __init__(
@@ -47,8 +50,10 @@ class FreeMover:
         X_WE: RigidTransform,
         home: tuple[RigidTransform, FloatArray],
         probe_speed: float,
+        known: trimesh.Trimesh | None = None,
     ) -> None:
         self._hand, self._planner, self._speed = hand, planner, probe_speed
+        self._known = None if known is None else KnownBodies(hand, known, home[1][None])
         self._X_WE = X_WE.GetAsMatrix4()
         self._home = home
         self._levers = by_joint_kind(hand, revolute=LEVER, prismatic=1.0)
@@ -69,7 +74,8 @@ class FreeMover:
         q = approach.posture.joint_positions
         X_EH, q_before = self._at(before, before.duration)
         points = self._planner.points(q_before, q)
-        way = transit(X_EH, approach.X_OH_outside, points, obstacles.space)
+        beside = None if self._known is None else self._known.in_postures(np.stack([q_before, q]))
+        way = transit(X_EH, approach.X_OH_outside, points, obstacles.space, beside)
         if way is None:
             return NO_TRANSIT
         planned = probe.standoff + probe.overshoot
@@ -129,25 +135,51 @@ class FreeMover:
         )
 
 
+class KnownBodies:
+    """Known bodies, a mesh [m] in E that may be open, which a hand in postures (N, J) avoids."""
+
+    def __init__(self, hand: Hand, mesh: trimesh.Trimesh, postures: FloatArray) -> None:
+        self.top = float(mesh.bounds[1, 2])
+        self._checker, self._postures = HandCollisionChecker(hand, obstacles=mesh), postures
+
+    def in_postures(self, postures: FloatArray) -> KnownBodies:
+        """Return the same for other postures."""
+        other = copy(self)
+        other._postures = postures
+        return other
+
+    def are_hit(self, path: FloatArray) -> bool:
+        """Return whether the hand hits a body at one of the palm poses (W, 4, 4)."""
+        paths = np.broadcast_to(path, (len(self._postures), *path.shape))
+        return bool(self._checker.hit_obstacle(paths, self._postures).any())
+
+
 def transit(
-    X: FloatArray, Y: FloatArray, points_H: FloatArray, space: Workspace
+    X: FloatArray,
+    Y: FloatArray,
+    points_H: FloatArray,
+    space: Workspace,
+    known: KnownBodies | None = None,
 ) -> list[FloatArray] | None:
     """Return palm poses (4, 4) from X to Y around an object's ball; None if there is no path.
 
-    The hand's points (P, 3), in H, keep out of the ball and above the table.
+    The hand's points (P, 3), in H, keep out of the ball, above the table and off known bodies.
     """
     reach = float(np.linalg.norm(points_H, axis=1).max())
     far = space.radius + reach
-    above = [_raised(Z, space.center[2] + far) for Z in (X, Y)]
+    heights = [space.center[2] + far, *([] if known is None else [known.top + reach])]
     away = [_moved_off(Z, space.center, far) for Z in (X, Y)]
-    ways = [[X, Y], [X, *above, Y], [X, *away, Y]]
+    ways = [[X, Y], *([X, *(_raised(Z, h) for Z in (X, Y)), Y] for h in heights), [X, *away, Y]]
     for side in _SIDES:
         around = away[1].copy()
         around[:3, 3] = space.center + far * side
         ways.append([X, away[0], around, away[1], Y])
     for radius in transit_radii(space):
         for way in ways:
-            if all(_is_free(A, B, points_H, space, radius) for A, B in pairwise(way)):
+            legs = list(pairwise(way))
+            if all(_is_free(*leg, points_H, space, radius) for leg in legs) and not (
+                known and any(known.are_hit(_poses_between(*leg)) for leg in legs)
+            ):
                 return way
     return None
 
@@ -156,14 +188,19 @@ def _is_free(
     X: FloatArray, Y: FloatArray, points_H: FloatArray, space: Workspace, radius: float
 ) -> bool:
     """Return whether a hand's points keep out of a ball and above the table between two poses."""
-    count = max(int(np.ceil(_distance(X, Y) / _CHECKED)), 1)
-    for part in np.linspace(0.0, 1.0, count + 1):
-        points = apply_pose(_between(X, Y, float(part)), points_H)
+    for pose in _poses_between(X, Y):
+        points = apply_pose(pose, points_H)
         if space.support_height is not None and points[:, 2].min() < space.support_height:
             return False
         if np.linalg.norm(points - space.center, axis=1).min() < radius:
             return False
     return True
+
+
+def _poses_between(X: FloatArray, Y: FloatArray) -> FloatArray:
+    """Return the checked poses (W, 4, 4) of a straight path, both ends included."""
+    count = max(int(np.ceil(_distance(X, Y) / _CHECKED)), 1)
+    return np.stack([_between(X, Y, float(part)) for part in np.linspace(0.0, 1.0, count + 1)])
 
 
 def _distance(X: FloatArray, Y: FloatArray) -> float:

@@ -25,6 +25,7 @@ from lis_grasp.simulation.drake.plant_parts import (
     numbers_of,
     pose_of,
     require_plant,
+    written_as,
     wrong_type,
 )
 from lis_grasp.typing import FloatArray
@@ -32,6 +33,7 @@ from lis_grasp.typing import FloatArray
 _WOOD = (0.8, 0.62, 0.4, 1.0)
 
 
+@written_as("add_hand(plant, 'wsg50', name='left')")
 def add_hand(
     plant: MultibodyPlant,
     hand: Hand | str | Path,
@@ -87,8 +89,10 @@ def add_hand(
     >>> plant.GetModelInstanceName(hand.instance), hand.base.name()
     ('left', 'body')
     """
-    found = hand if isinstance(hand, Hand) else Hand.load(hand)
     plant = require_plant(plant)
+    if not isinstance(hand, Hand | str | Path):
+        raise wrong_type("hand", hand, "a Hand, its name or the path of its YAML file")
+    found = hand if isinstance(hand, Hand) else Hand.load(hand)
     if instance is not None:
         return hand_plant.find_hand(plant, found, instance_of(plant, instance, "instance"))
     _require_open(plant, name)
@@ -116,6 +120,7 @@ def add_hand(
     return added
 
 
+@written_as("add_object(plant, 'part.stl', name='part')")
 def add_object(
     plant: MultibodyPlant,
     obj: Shape | trimesh.Trimesh | str | Path,
@@ -158,13 +163,16 @@ def add_object(
     >>> round(add_object(plant, "box", mass=0.3).default_mass(), 6)
     0.3
     """
+    plant = require_plant(plant)
+    if not isinstance(obj, Shape | trimesh.Trimesh | str | Path):
+        raise wrong_type("obj", obj, "the name of a shape, a mesh file, a Shape or a mesh")
     if isinstance(obj, trimesh.Trimesh):
         obj = Shape.from_mesh(obj)
     shape = obj if isinstance(obj, Shape) else find(str(obj), units=units)
     mass = default_mass(shape.mesh) if mass is None else mass
     require_load(mass=mass, friction=friction)
     flat = merge_flat_faces(shape.mesh)
-    _require_open(require_plant(plant), name)
+    _require_open(plant, name)
     body = object_plant.add_object_body(plant, flat, mass=mass, friction=friction, name=name).body
     look = Mesh(in_memory(shape.mesh, name))
     plant.RegisterVisualGeometry(body, RigidTransform(), look, f"{name}_visual", _WOOD)

@@ -22,6 +22,7 @@ from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
 from lis_grasp.simulation.drake.plant_parts import pose_of, require_type, rigid
 from lis_grasp.stages.estimate import Perception
 from lis_grasp.typing import FloatArray
+from lis_grasp.world import ALONE, Surroundings
 
 _BEST, _OTHER = (0.1, 0.6, 0.25, 1.0), (0.3, 0.5, 0.9, 0.25)  # colours
 
@@ -59,8 +60,10 @@ class GraspPlanner(LeafSystem):
         Largest number of sampled contact sets.
     station
         The arm that must reach the grasps, as a `Station` with its base in E.
+    surroundings
+        Known bodies in the world, which the hand and what it carries must not hit.
     obstacles
-        Mesh [m], in E, that the hand must not hit; it may be open.
+        The same as a mesh [m] in E, which may be open; until 4.0.
     meshcat
         Draws the grasps when they are planned, the best one opaque.
     path
@@ -87,6 +90,7 @@ class GraspPlanner(LeafSystem):
         seed: int = 0,
         candidates: int = CANDIDATES,
         station: Reach | None = None,
+        surroundings: Surroundings = ALONE,
         obstacles: trimesh.Trimesh | None = None,
         meshcat: Meshcat | None = None,
         path: str = "lis_grasp/grasps",
@@ -94,13 +98,19 @@ class GraspPlanner(LeafSystem):
         super().__init__()
         require_in_plant("GraspPlanner", hand)
         require_type("prior", prior, LoadPrior)
+        require_type("surroundings", surroundings, Surroundings)
         require_type("obstacles", obstacles, trimesh.Trimesh)
         require_positive(count=count)
         self._hand, self._table, self._count, self._seed = hand.hand, table, count, seed
-        self._sampler = ForceClosureSampler(
-            hand.hand, prior, candidates=candidates, station=station, obstacles=obstacles
-        )
         self._X_WE, self._actuated = pose_of(X_WE, "X_WE"), hand.actuated
+        self._sampler = ForceClosureSampler(
+            hand.hand,
+            prior,
+            candidates=candidates,
+            station=station,
+            surroundings=surroundings.in_frame(self._X_WE.GetAsMatrix4()),
+            obstacles=obstacles,
+        )
         self._drawing = None if meshcat is None else Drawing(meshcat, path, self._X_WE)
         empty = Estimate(Contacts.empty(), Perception())
         self._estimate = self.DeclareAbstractInputPort("estimate", AbstractValue.Make(empty))

@@ -45,6 +45,7 @@ from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
 from lis_grasp.simulation.drake.plant_parts import numbers_of, pose_of, require_type, wrong_type
 from lis_grasp.stages.touch import make_policy
 from lis_grasp.typing import FloatArray
+from lis_grasp.world import ALONE, Surroundings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,6 +106,9 @@ class HapticExplorer(LeafSystem):
         Speed of a free hand on the probe's own motion [m/s].
     station
         Arm, mount and table, the base in the world. The arm begins at its home.
+    surroundings
+        Known bodies in the world, which the hand must not hit, such as `surroundings_of` the plant
+        without hand, arm and object. With a station, its table holds them.
     period
         Time between two checks of the contacts [s].
 
@@ -141,6 +145,7 @@ class HapticExplorer(LeafSystem):
         seed: int = 0,
         probe_speed: float = GENTLE_SPEED,
         station: Station | None = None,
+        surroundings: Surroundings = ALONE,
         period: float = 0.01,
     ) -> None:
         super().__init__()
@@ -154,6 +159,7 @@ class HapticExplorer(LeafSystem):
         require_positive(probe_speed=probe_speed, period=period)
         require_type("noise", noise, TactileSensor)
         require_type("station", station, Station)
+        require_type("surroundings", surroundings, Surroundings)
         if not isinstance(policy, str) and not callable(policy):
             raise wrong_type("policy", policy, "the name of a policy, or a function of a Workspace")
         X_WE = pose_of(X_WE, "X_WE")
@@ -163,9 +169,10 @@ class HapticExplorer(LeafSystem):
         chooses = make_policy(policy, space, self._sensor)
         self._strategy = ExplorationStrategy(chooses, touches, space, stop)
         self._mover: Mover
+        known = surroundings.in_frame(self._X_WE)
         if station is not None:
-            station = station.in_frame(self._X_WE)
-            self._mover = ArmMover(station, ProbePlanner(hand.hand, station), X_WE)
+            station = _beside(station, surroundings).in_frame(self._X_WE)
+            self._mover = ArmMover(station, ProbePlanner(hand.hand, station, known=known), X_WE)
         elif home is None:
             raise InvalidOptionError(
                 "HapticExplorer needs the pose at which the hand begins: give home=X_WG, or the"
@@ -173,12 +180,12 @@ class HapticExplorer(LeafSystem):
                 option="home",
             )
         else:
-            planner = ProbePlanner(hand.hand, probe_speed=probe_speed)
+            planner = ProbePlanner(hand.hand, probe_speed=probe_speed, known=known)
             q = next(iter(hand.hand.probe_postures.values())).joint_positions
             if q_home is not None:
                 q = numbers_of(q_home, "q_home", q.shape, least=-np.inf)
             start = pose_of(home, "home"), q
-            self._mover = FreeMover(hand.hand, planner, X_WE, start, probe_speed)
+            self._mover = FreeMover(hand.hand, planner, X_WE, start, probe_speed, known.mesh)
         self._declare(0 if station is None else len(station.arm.joint_names), period)
 
     def ended(self, root: Context) -> EventStatus:
@@ -320,6 +327,19 @@ class HapticExplorer(LeafSystem):
         progress = _progress(context)
         explored = progress.exploration or ExplorationState()
         return Exploration(explored.contacts, explored.observations, progress.ended)
+
+
+def _beside(station: Station, surroundings: Surroundings) -> Station:
+    """Return a station whose transits also avoid bodies."""
+    if not len(surroundings):
+        return station
+    if station.table is None:
+        raise InvalidOptionError(
+            "surroundings need a station with a table, beside whose object they are; it has none:"
+            " give Station.make(..., table=Table(height))",
+            option="surroundings",
+        )
+    return replace(station, table=replace(station.table, surroundings=surroundings))
 
 
 def _progress(context: Context) -> _Progress:

@@ -14,12 +14,13 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 from lis_grasp.contacts import Contacts
 from lis_grasp.drake._drawing import Drawing, show_contacts, show_estimate
 from lis_grasp.drake._ports import MadeOnce, declare_output, read_port
-from lis_grasp.exceptions import EstimationError
+from lis_grasp.exceptions import EstimationError, note
 from lis_grasp.exploration import TactileSensor
 from lis_grasp.records import Record
-from lis_grasp.simulation.drake.plant_parts import pose_of, require_type
+from lis_grasp.simulation.drake.plant_parts import pose_of, require_type, wrong_type
 from lis_grasp.stages.estimate import Perception, SurfaceEstimate
 from lis_grasp.surfaces import Estimator, ImplicitSurface
+from lis_grasp.surfaces.contact_checks import doubt_of_side
 
 _DRAWN_EVERY = 0.25  # [s] of simulated time
 
@@ -125,6 +126,9 @@ class SurfaceEstimator(LeafSystem):
         super().__init__()
         X_WE = pose_of(X_WE, "X_WE")
         require_type("noise", noise, TactileSensor)
+        if not (isinstance(estimator, str) or callable(estimator)):
+            required = "the name of an estimator, or a function of contacts"
+            raise wrong_type("estimator", estimator, required)
         perception = Perception(
             estimator=estimator,
             sensor=noise or TactileSensor(),
@@ -135,7 +139,15 @@ class SurfaceEstimator(LeafSystem):
         _ = perception.make  # raises now for an unknown name
         empty = Contacts.empty()
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(empty))
-        self._made = MadeOnce[Contacts, Estimate](lambda contacts: Estimate(contacts, perception))
+        self._doubt = ""
+
+        def make(contacts: Contacts) -> Estimate:
+            if not self._doubt and (doubt := doubt_of_side(contacts)):
+                self._doubt = doubt
+                note(doubt)  # once
+            return Estimate(contacts, perception)
+
+        self._made = MadeOnce[Contacts, Estimate](make)
         self.estimate = declare_output(
             self,
             "estimate",

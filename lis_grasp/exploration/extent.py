@@ -209,6 +209,24 @@ def unseen_ends(space: Workspace, contacts: Contacts) -> tuple[End, ...]:
     return tuple(found)
 
 
+def unreached(contacts: Contacts, refused: Sequence[ProbeOutcome], space: Workspace) -> list[str]:
+    """Return in words the sides that no contact shows, and no finger reaches between bodies.
+
+    These are the top and the four level ends; `refused` are probes that no finger could make.
+    """
+    if not len(contacts):
+        return []
+    ends = ends_of(space, contacts, ())
+    sides = [(end.out, f"the side of {end}") for end in ends]
+    sides.append((np.array([0.0, 0.0, 1.0]), "the top"))
+    found = []
+    for out, name in sides:
+        shown = contacts.normals @ out > _FACES_OUT
+        if not shown.any() and any(-(o.probe.direction @ out) > _FACES_OUT for o in refused):
+            found.append(name)
+    return found
+
+
 def extent_probe(
     space: Workspace,
     contacts: Contacts,

@@ -6,12 +6,14 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, note
+from lis_grasp.exploration.neighbours import PlanningProber
 from lis_grasp.exploration.observations import Observation
 from lis_grasp.exploration.perception import TactilePerception, advance, begin
 from lis_grasp.exploration.probe import MovingProber, Prober
 from lis_grasp.exploration.states import Exploration, ExplorationState
 from lis_grasp.exploration.strategy import ExplorationStrategy, choose, end
+from lis_grasp.surfaces.contact_checks import doubt_of_side
 from lis_grasp.typing import Seed
 
 
@@ -28,7 +30,7 @@ def explore(
 
     The exploration ends after `strategy.touches` contacts, when a stop rule applies, when the
     policy has no probe left, or after ``4 touches + 20`` probes. A resumed exploration makes the
-    same probes as an uninterrupted one.
+    same probes as an uninterrupted one. A warning says once if normals seem to point inward.
 
     Parameters
     ----------
@@ -72,19 +74,27 @@ def explore_steps(
             option="tracker",
         )
     state = begin(perception, strategy) if start is None else start
-    rng = np.random.default_rng(rng)
+    doubt, rng = "", np.random.default_rng(rng)
     rng.spawn(len(state.observations))  # the generators of the probes so far
+    planning = prober if isinstance(prober, PlanningProber) and state.beside is not None else None
+    reaches = None if planning is None else planning.reaches
+    if planning is not None and state.beside is not None:
+        planning.place_known(state.beside.poses)
     while True:
         yield state
         draws = rng.spawn(1)[0]
-        chosen = choose(strategy, state, rng=draws)
+        chosen = choose(strategy, state, rng=draws, reaches=reaches)
         if isinstance(chosen, str):
             yield end(strategy, state, chosen)
             return
         outcome = prober.probe(chosen.probe, chosen.obstacles)
         if perception.sensor is not None:
             outcome = perception.sensor.report(outcome, rng=draws)
-        state = advance(perception, state, outcome)
+        state = advance(perception, state, outcome, chosen.refused)
+        if not doubt and (doubt := doubt_of_side(state.known)):
+            note(doubt)
         if isinstance(prober, MovingProber):
             for X_EF in state.frames:
                 prober.move_frame(X_EF)
+        if planning is not None and state.beside is not None and state.observations[-1].beside:
+            planning.place_known(state.beside.poses)

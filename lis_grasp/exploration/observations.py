@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exploration.neighbours import BodyTouch
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, ProbeStatus, are_touches
 from lis_grasp.geometry import apply_pose, inverse_pose
@@ -34,6 +35,9 @@ class Observation(Record):
     belief: PoseBelief | None = None  #: about the object's pose after it; None if not tracked
     #: (D, 3) [m], in O: points of earlier contacts that turned out to be strays
     dropped: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    beside: tuple[BodyTouch, ...] = ()  #: its contacts of known bodies beside the object
+    #: blocked, before the probe was chosen: no finger reaches them between known bodies
+    refused: tuple[ProbeOutcome, ...] = ()
 
     __repr__ = short_repr
 
@@ -111,6 +115,12 @@ class ObjectMap(Record):
     def outcomes(self) -> list[ProbeOutcome]:
         """Outcomes of the probes, in order."""
         return [entry.observation.outcome for entry in self.entries]
+
+    @property
+    def attempts(self) -> list[ProbeOutcome]:
+        """Outcomes of the probes, in order, and of those that were refused before each."""
+        observations = (entry.observation for entry in self.entries)
+        return [outcome for o in observations for outcome in (*o.refused, o.outcome)]
 
     @property
     def landmarks(self) -> list[Landmark]:

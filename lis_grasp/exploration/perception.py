@@ -10,6 +10,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.deferred_estimate import DeferredEstimate
+from lis_grasp.exploration.neighbours import Neighbours, attributed
 from lis_grasp.exploration.observations import Landmark, Maps, ObjectMap, Observation
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.pose_tracking import PoseTracker
@@ -51,6 +52,9 @@ class TactilePerception:
     tracker
         Tracks the pose of an object that touches move, touches landmarks again for it, and keeps
         contacts in the object's frame; None if nothing moves.
+    beside
+        Known bodies beside the object, in the frame of the first probe: their contacts are not the
+        object's. None without any.
     """
 
     estimate: Callable[[Contacts], ImplicitSurface]
@@ -58,6 +62,7 @@ class TactilePerception:
     sensor: TactileSensor | None = None
     find_strays: Callable[[Contacts], IndexArray] | None = None
     tracker: PoseTracker | None = None
+    beside: Neighbours | None = None
 
     __repr__ = short_repr
 
@@ -102,6 +107,7 @@ def _begun(
         contacts=known.first_contacts(),
         maps=Maps(known),
         belief=None if perception.tracker is None else belief,
+        beside=perception.beside,
         rules=() if strategy is None else tuple(strategy.stop),
         wanted=None if strategy is None else strategy.touches,
     )
@@ -115,17 +121,26 @@ def _begun(
 
 @underflows
 def advance(
-    perception: TactilePerception, state: ExplorationState, outcome: ProbeOutcome
+    perception: TactilePerception,
+    state: ExplorationState,
+    outcome: ProbeOutcome,
+    refused: Sequence[ProbeOutcome] = (),
 ) -> ExplorationState:
     """Return the state after the outcome of the probe that `choose` chose in a state.
 
     With `choose`, it is the step of an exploration. Both are pure functions: they change no
-    argument except the generator of `choose`.
+    argument except the generator of `choose`. `refused` are the probes that `choose` refused.
     """
-    tracker = perception.tracker
+    tracker, neighbours = perception.tracker, state.neighbours
+    seen = Observation(outcome, refused=tuple(refused))
+    if neighbours is not None:
+        X_WE = np.eye(4) if state.belief is None else state.belief.X_WE
+        outcome, beside = attributed(outcome, neighbours, X_WE)
+        seen = replace(seen, outcome=outcome, beside=beside)
     if tracker is None or state.belief is None:
-        return _without_strays(perception, state, Observation(outcome))
+        return _without_strays(perception, state, seen)
     observation, frames = tracker.track(outcome, state)
+    observation = replace(observation, beside=seen.beside, refused=seen.refused)
     after = _without_strays(perception, state, observation)
     if after.waiting is not None and len(observation.outcome.contacts) and not observation.is_lost:
         found = find_displacement(after.contacts, after.waiting)
@@ -201,6 +216,7 @@ def _added(
         contacts=contacts,
         maps=maps,
         belief=observation.belief or state.belief,
+        beside=state.beside and state.beside.corrected(observation.beside),
         again=None,
         frames=(),
         duration=state.duration + observation.outcome.duration,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Protocol, cast
+from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration.deferred_estimate import DeferredEstimate
 from lis_grasp.exploration.extent import extent_probe, since_first_contact
+from lis_grasp.exploration.neighbours import Neighbours
 from lis_grasp.exploration.observations import Landmark
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import (
@@ -52,6 +53,15 @@ class Policy(Protocol):
         before free space is removed: the walls that carving leaves must not be touched.
         `outcomes` are those of every probe so far, in order. Draw random numbers from `rng`.
         """
+        ...
+
+
+@runtime_checkable
+class AvoidingPolicy(Policy, Protocol):
+    """A policy that chooses targets where known bodies beside the object leave room."""
+
+    def avoiding(self, neighbours: Neighbours) -> AvoidingPolicy:
+        """Return the policy between these bodies."""
         ...
 
 
@@ -126,11 +136,18 @@ class TargetPolicy:
         cautiously than an estimate that extrapolates. Once all of this surface is within a step of
         a contact, the exploration's own estimate is searched too. On a flat object on a table it
         always is, because level motions show how far it extends.
+    neighbours
+        Known bodies beside the object: surface near them is no target. None without any.
     """
 
     space: Workspace
     select: TargetSelector = frontier
     guess: Callable[[Contacts], ImplicitSurface] | None = None
+    neighbours: Neighbours | None = None
+
+    def avoiding(self, neighbours: Neighbours) -> TargetPolicy:
+        """Return the policy between these bodies."""
+        return replace(self, neighbours=neighbours)
 
     def next_probe(
         self,
@@ -177,7 +194,7 @@ class TargetPolicy:
         rng: np.random.Generator,
     ) -> tuple[FloatArray, FloatArray, float] | None:
         """Return the selected target, its normal, and its distance to the nearest contact [m]."""
-        targets = Targets.find(space, contacts, surface, outcomes)
+        targets = Targets.find(space, contacts, surface, outcomes, self.neighbours)
         i = self.select(targets, surface, rng=rng)
         return None if i is None else (targets.points[i], targets.normals[i], targets.nearest[i])
 
@@ -244,11 +261,18 @@ class RegionPolicy:
     landmarks
         Contacts that were touched before the first probe, beyond which the extent is sought again;
         it is not sought where a camera has seen the object.
+    neighbours
+        Known bodies beside the object; None without any.
     """
 
     region: Region
     make: Callable[[Workspace], Policy]
     landmarks: Sequence[Landmark] = ()
+    neighbours: Neighbours | None = None
+
+    def avoiding(self, neighbours: Neighbours) -> RegionPolicy:
+        """Return the policy between these bodies."""
+        return replace(self, neighbours=neighbours)
 
     def next_probe(
         self,
@@ -260,7 +284,7 @@ class RegionPolicy:
     ) -> Probe | None:
         """Return the next probe, or None if the object is nowhere; see `Policy`."""
         if not len(contacts):
-            return search_probe(self.region, outcomes, rng=rng)
+            return search_probe(self.region, outcomes, rng=rng, neighbours=self.neighbours)
         known = contacts if surface is None else DeferredEstimate.of(surface, contacts).contacts
         space = self.region.grown(known)
         if np.any(np.linalg.norm(contacts.points - space.center, axis=1) > space.radius):
@@ -272,7 +296,10 @@ class RegionPolicy:
             opening = extent_probe(space.fitted_to(contacts), contacts, since, landmarks)
             if opening is not None:
                 return opening
-        return self.make(space).next_probe(contacts, surface, outcomes=outcomes, rng=rng)
+        policy = self.make(space)
+        if self.neighbours is not None and isinstance(policy, AvoidingPolicy):
+            policy = policy.avoiding(self.neighbours)
+        return policy.next_probe(contacts, surface, outcomes=outcomes, rng=rng)
 
     def _landmarks_among(self, contacts: Contacts) -> Sequence[Landmark]:
         """Return the landmarks if contacts are on their map; none after a loss of the object."""

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration.neighbours import Neighbours, longest_parts
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.exploration.workspace import STEP_FRACTION, TIP_RADIUS, Workspace, lowest_tip
@@ -131,10 +132,11 @@ class PlaceBelief:
         free_points: FloatArray,
         free_radii: FloatArray,
         kinds: Sequence[tuple[float, float, float]] = _KINDS,
+        neighbours: Neighbours | None = None,
     ) -> PlaceBelief:
         """Return the belief after free balls, centres (F, 3) in W and radii (F,) [m].
 
-        If no place of these kinds is left, thin ones are sought.
+        No place is inside known neighbours. If none of these kinds is left, thin ones are sought.
         """
         low, high = region.bounds
         parts = []
@@ -143,10 +145,12 @@ class PlaceBelief:
             centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
             kind = np.tile([radius, height, probability / len(centers)], (len(centers), 1))
             left = ~_overlapped(centers, radius, height, free_points, free_radii)
+            if neighbours is not None:
+                left &= ~_inside_bodies(centers, radius, height, neighbours)
             parts.append(np.hstack([centers, kind])[left])
         centers, *columns = np.split(np.concatenate(parts), [2, 3, 4], axis=1)
         if not len(centers) and kinds is not _THIN:
-            return cls.of(region, free_points, free_radii, _THIN)
+            return cls.of(region, free_points, free_radii, _THIN, neighbours)
         return cls(np.ascontiguousarray(centers), *(column[:, 0].copy() for column in columns))
 
     def met_by(self, probe: Probe, tip_radius: float) -> float:
@@ -163,21 +167,26 @@ class PlaceBelief:
 
 
 def search_probe(
-    region: Region, outcomes: Sequence[ProbeOutcome], *, rng: np.random.Generator
+    region: Region,
+    outcomes: Sequence[ProbeOutcome],
+    *,
+    rng: np.random.Generator,
+    neighbours: Neighbours | None = None,
 ) -> Probe | None:
     """Return the probe with the highest probability of a touch for each second of its motion.
 
     The candidates are horizontal sweeps through the region, low above the table, and motions
-    straight down. Motions that were blocked before are not repeated.
+    straight down, each as long as known neighbours permit. Motions that were blocked before are
+    not repeated.
     `outcomes` are from every probe, all without contact. None if no place is left where
     the object could be found.
     """
     points = np.vstack([np.empty((0, 3)), *(outcome.free_points for outcome in outcomes)])
     radii = np.concatenate([np.empty(0), *(outcome.free_radii for outcome in outcomes)])
-    belief = PlaceBelief.of(region, points, radii)
+    belief = PlaceBelief.of(region, points, radii, neighbours=neighbours)
     tried = [outcome.probe for outcome in outcomes]
     best, best_value = None, 0.0
-    for probe in _candidates(region):
+    for probe in _candidates(region, neighbours):
         same = (other for other in tried if np.array_equal(probe.target, other.target))
         if any(float(probe.direction @ other.direction) > 0.999 for other in same):
             continue
@@ -209,7 +218,18 @@ def _overlapped(
     return overlapped
 
 
-def _candidates(region: Region) -> list[Probe]:
+def _inside_bodies(
+    centers: FloatArray, radius: float, height: float, neighbours: Neighbours
+) -> BoolArray:
+    """Return which upright cylinders at centres (K, 2) overlap a known body, shape (K,)."""
+    inside = np.zeros(len(centers), dtype=np.bool_)
+    for z in _ticks(0.5 * min(radius, height), height - 0.5 * min(radius, height)):
+        points = np.column_stack([centers, np.full(len(centers), z)])
+        inside |= neighbours.distances(points) < min(radius, height) - neighbours.error - _OVERLAP
+    return inside
+
+
+def _candidates(region: Region, neighbours: Neighbours | None = None) -> list[Probe]:
     low, high = region.bounds
     radius = region.tip_radius
     lowest = lowest_tip(radius)
@@ -226,6 +246,8 @@ def _candidates(region: Region) -> list[Probe]:
     for x in _ticks(low[0], high[0]):
         for y in _ticks(low[1], high[1]):
             probes.append(Probe(np.array([x, y, 0.0]), _DOWN, min(0.1, high[2]), 0.0))
+    if neighbours is not None:
+        probes = longest_parts(probes, neighbours, radius)
     return probes
 
 

@@ -10,6 +10,7 @@ from typing import get_args
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import counted
 from lis_grasp.exploration.deferred_estimate import DeferredEstimate
+from lis_grasp.exploration.neighbours import Neighbours
 from lis_grasp.exploration.observations import Maps, Observation
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.probe import Probe, ProbeOutcome, ProbeStatus, are_touches
@@ -34,6 +35,7 @@ class ExplorationState(Record):
     #: the estimate of the map before a loss, while later contacts are on another
     waiting: DeferredEstimate | None = None
     belief: PoseBelief | None = None  #: about the object's pose; None if it is not tracked
+    beside: Neighbours | None = None  #: known bodies in the frame of the first probe; None alone
     again: Probe | None = None  #: of a landmark, to be touched again before anything new
     #: poses (4, 4) of the object's new frames by the last probe, each in the one before
     frames: tuple[FloatArray, ...] = ()
@@ -52,6 +54,12 @@ class ExplorationState(Record):
     def prior(self) -> Contacts:
         """Contacts of the present map that are known beforehand."""
         return self.maps.present.prior
+
+    @property
+    def neighbours(self) -> Neighbours | None:
+        """Known bodies beside the object in the frame of the contacts; None without any."""
+        beside, belief = self.beside, self.belief
+        return beside if beside is None or belief is None else beside.in_frame(belief.X_WE)
 
     @property
     def outcomes(self) -> tuple[ProbeOutcome, ...]:
@@ -75,6 +83,7 @@ class NextProbe(Record):
 
     probe: Probe
     obstacles: ObstacleModel | None  #: None if the approach is left to the prober
+    refused: tuple[ProbeOutcome, ...] = ()  #: chosen before it, but no finger reaches them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,6 +141,11 @@ class Exploration(Record):
         """Number of contacts that are touches, not ends of slides."""
         outcomes = Maps.of(self.observations).present.outcomes
         return int(are_touches(self.contacts, outcomes).sum())
+
+    @property
+    def touched_beside(self) -> Counter[str]:
+        """Number of contacts of each known body beside the object, by its name."""
+        return Counter(touch.body for o in self.observations for touch in o.beside)
 
     @property
     def duration(self) -> float:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lis_grasp.exceptions import counted, require_at_least
-from lis_grasp.exploration.extent import free_beyond, open_ends
-from lis_grasp.exploration.policy import Policy
+from lis_grasp.exceptions import counted, listed, require_at_least
+from lis_grasp.exploration.extent import free_beyond, open_ends, unreached
+from lis_grasp.exploration.neighbours import Neighbours, fitted
+from lis_grasp.exploration.policy import AvoidingPolicy, Policy
+from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.states import ExplorationState, NextProbe
 from lis_grasp.exploration.stopping import StopRule
@@ -20,6 +22,14 @@ from lis_grasp.underflow import underflows
 
 # An exploration gives up after this many probes for each touch, plus this many.
 PROBES_PER_TOUCH, _SPARE_PROBES = 4, 20
+
+Reaches = Callable[[Probe, ObstacleModel], str]
+"""Returns why no finger reaches a probe; empty if one does."""
+
+NO_ROOM = "a fingertip has no room at the target"
+
+# Probes that are refused in a row, before no finger reaches anything new.
+_MOST_REFUSED = 60
 
 MOST_BLOCKED = 20
 """Probes that cannot be approached, before the search for one is given up."""
@@ -66,15 +76,22 @@ class ExplorationStrategy:
 
 @underflows
 def choose(
-    strategy: ExplorationStrategy, state: ExplorationState, *, rng: np.random.Generator
+    strategy: ExplorationStrategy,
+    state: ExplorationState,
+    *,
+    rng: np.random.Generator,
+    reaches: Reaches | None = None,
 ) -> NextProbe | str:
     """Return the next probe, or the reason why the exploration ends.
 
-    The n-th probe draws from the n-th generator spawned by the exploration's own.
+    The n-th probe draws from the n-th generator spawned by the exploration's own. `reaches` tells
+    why no finger reaches a probe between known bodies; without it all are tried.
     """
     if (ended := _reason_to_end(strategy, state)) is not None:
         return ended
-    known, recent = state.known, state.maps.present.outcomes
+    if state.neighbours is not None and strategy.space is not None and state.again is None:
+        return _choose_between(strategy, state, state.neighbours, reaches, rng)
+    known, recent = state.known, state.maps.present.attempts
     probe = state.again or strategy.policy.next_probe(
         known, state.estimated, outcomes=recent, rng=rng
     )
@@ -82,7 +99,15 @@ def choose(
         return f"the policy has no probe left{_not_found(strategy, state)}"
     if strategy.space is None:
         return NextProbe(probe, None)
-    space = strategy.space.grown(known)
+    return _planned(strategy, strategy.space, state, probe)
+
+
+def _planned(
+    strategy: ExplorationStrategy, where: Workspace | Region, state: ExplorationState, probe: Probe
+) -> NextProbe:
+    """Return a probe with its slides, and what its approach avoids."""
+    known = state.known
+    space = where.grown(known)
     is_tracked = state.belief is not None  # it may move
     slides = probe.slides[:0] if is_tracked else probe.slides
     if strategy.slide and not is_tracked and not len(slides):
@@ -91,12 +116,60 @@ def choose(
     return NextProbe(probe, ObstacleModel(space, known, state.surface))
 
 
+def _choose_between(
+    strategy: ExplorationStrategy,
+    state: ExplorationState,
+    neighbours: Neighbours,
+    reaches: Reaches | None,
+    rng: np.random.Generator,
+) -> NextProbe | str:
+    """Return the next probe that a finger reaches between known bodies, or why there is none.
+
+    The probe begins and ends before these. After `MOST_BLOCKED` refusals the last probe is carried
+    out, as it may be reached from elsewhere; before the first motion it is the end.
+    """
+    assert strategy.space is not None
+    policy, refused = strategy.policy, list[ProbeOutcome]()
+    if isinstance(policy, AvoidingPolicy):
+        policy = policy.avoiding(neighbours)
+    before = state.maps.present.attempts
+    while True:
+        probe = policy.next_probe(
+            state.known, state.estimated, outcomes=[*before, *refused], rng=rng
+        )
+        if probe is None:
+            return f"the policy has no probe left{_not_found(strategy, state)}"
+        radius = strategy.space.tip_radius
+        part = fitted(probe, neighbours, radius)
+        if part is None:
+            nearest = neighbours.nearest(probe.target[None] - radius * probe.direction)
+            reason = f"{NO_ROOM}: {nearest} is in the way"
+        else:
+            chosen = _planned(strategy, strategy.space, state, part)
+            assert chosen.obstacles is not None
+            reason = "" if reaches is None else reaches(chosen.probe, chosen.obstacles)
+            if not reason or len(refused) >= MOST_BLOCKED:
+                return replace(chosen, refused=tuple(refused))
+        refused.append(ProbeOutcome(probe, "blocked", reason=reason))
+        if len(refused) >= MOST_BLOCKED and all(o.status == "blocked" for o in state.outcomes):
+            return f"{counted(len(refused), 'probe')} blocked: {reason}"
+        if len(refused) >= _MOST_REFUSED:
+            return f"no probe is left that a finger reaches: {reason}"
+
+
 def end(strategy: ExplorationStrategy, state: ExplorationState, reason: str) -> ExplorationState:
-    """Return the state at the end: space beyond the ends of an object in a region is free."""
+    """Return the state at the end: space beyond the ends of an object in a region is free.
+
+    The reason names the sides that no finger reaches between known bodies.
+    """
+    refused = [o for e in state.maps.present.entries for o in e.observation.refused]
+    if refused and strategy.space is not None:
+        sides = unreached(state.contacts, refused, strategy.space.fitted_to(state.contacts))
+        reason += f"; no finger reaches {listed(sides)}" if sides else ""
     if not isinstance(strategy.space, Region) or len(state.prior):
         return replace(state, ended=reason)
     space = strategy.space.fitted_to(state.contacts)
-    free = free_beyond(space, state.contacts, state.maps.present.outcomes)
+    free = free_beyond(space, state.contacts, state.maps.present.attempts)
     return replace(state, ended=reason, contacts=state.contacts.append(free))
 
 
@@ -108,7 +181,7 @@ def sought_ends(strategy: ExplorationStrategy, state: ExplorationState) -> str:
     if not isinstance(strategy.space, Region) or len(state.prior):
         return ""
     space = strategy.space.fitted_to(state.contacts)
-    return open_ends(space, state.contacts, state.maps.present.outcomes)
+    return open_ends(space, state.contacts, state.maps.present.attempts)
 
 
 def _not_found(strategy: ExplorationStrategy, state: ExplorationState) -> str:

@@ -11,6 +11,7 @@ from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.deferred_estimate import DeferredEstimate
+from lis_grasp.exploration.neighbours import Neighbours, has_room
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import (
     SAME_DIRECTION,
@@ -100,8 +101,12 @@ class Targets:
         contacts: Contacts,
         surface: ImplicitSurface,
         outcomes: Sequence[ProbeOutcome],
+        neighbours: Neighbours | None = None,
     ) -> Targets:
-        """Return the targets of an estimate, given before free space is removed."""
+        """Return the targets of an estimate, given before free space is removed.
+
+        Where known neighbours leave no room for a fingertip, there is none.
+        """
         estimate = DeferredEstimate.of(surface, contacts)
         candidates = Candidates.of(space, estimate)
         points, normals, away = candidates.points, candidates.normals, candidates.away
@@ -112,6 +117,11 @@ class Targets:
         eligible &= space.touchable(points, normals)
         eligible &= ~_tried(candidates.targets, away, np.minimum(nearest, space.step), outcomes)
         eligible &= ~_starts_blocked(candidates.targets, away, space.step, outcomes)
+        if neighbours is not None:
+            rows = np.flatnonzero(eligible)
+            eligible[rows] = has_room(
+                neighbours, candidates.targets[rows], away[rows], space.tip_radius
+            )
         misses = sum(outcome.status == "missed" for outcome in outcomes)
         if misses >= _MISSES * len(contacts):  # surface beside the hull is mostly extrapolated
             _, width, length = box_lengths(contacts.points)

@@ -12,6 +12,8 @@ from pydantic import Field
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, InvalidInputError
+from lis_grasp.exploration.disturbance import Disturbance
+from lis_grasp.exploration.neighbours import BodyTouch
 from lis_grasp.exploration.observations import Observation
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, ProbeStatus
@@ -31,6 +33,8 @@ class LoggedProbe(Record):
     observation: Observation
     #: (4, 4): true pose of a free object after the probe, in the frame of its contacts
     X_EO: FloatArray | None = None
+    #: what it and earlier probes did to the bodies beside the object; None if as before
+    disturbance: Disturbance | None = None
 
     def __post_init__(self) -> None:
         if self.X_EO is not None:
@@ -89,12 +93,19 @@ class TouchLog:
         """Write the header, if there is none yet."""
         append_lines(self.path, self._header(), [])
 
-    def append(self, observation: Observation, X_EO: FloatArray | None = None) -> None:
+    def append(
+        self,
+        observation: Observation,
+        X_EO: FloatArray | None = None,
+        disturbance: Disturbance | None = None,
+    ) -> None:
         """Add an observation; it is on the disk when this returns.
 
         `X_EO` is the true pose of a simulated free object after it, (4, 4); None if unknown.
+        `disturbance` is what touches did so far to the bodies beside it; None if as before.
         """
-        append_lines(self.path, self._header(), [_row(LoggedProbe(observation, X_EO))])
+        probe = LoggedProbe(observation, X_EO, disturbance)
+        append_lines(self.path, self._header(), [_row(probe)])
 
     def end(self, reason: str) -> None:
         """Mark the exploration as ended, with the reason."""
@@ -135,7 +146,7 @@ def _row(probe: LoggedProbe) -> Row:
     contacts, hand_pose = outcome.contacts, outcome.hand_pose
     names = ("points", "normals", "forces", "fingers", "times")
     noise = {name: getattr(contacts, name) for name in ("position_noise", "normal_noise")}
-    row = {n: v for n, v in fields_of(outcome.probe).items() if n != "slides" or len(v)}
+    row = _motion(outcome.probe)
     row |= {name: getattr(outcome, name) for name in ("status", "reason", "duration", "moved")}
     row |= {name: getattr(contacts, name) for name in names}
     # None for a contact of unknown noise; absent if all are unknown.
@@ -145,9 +156,30 @@ def _row(probe: LoggedProbe) -> Row:
     row |= {"X_OH": None, "joint_positions": None} if hand_pose is None else fields_of(hand_pose)
     row |= {"dropped": observation.dropped} if len(observation.dropped) else {}
     row |= {"slid": outcome.slid} if outcome.slid else {}
+    row |= (
+        {"beside": [_plain(fields_of(t)) for t in observation.beside]} if observation.beside else {}
+    )
+    refused = [_plain({**_motion(o.probe), "reason": o.reason}) for o in observation.refused]
+    row |= {"refused": refused} if refused else {}
     row |= {} if belief is None else {"tracked_pose": belief.as_dict()}
     row |= {} if probe.X_EO is None else {"simulated_pose": probe.X_EO}
+    if probe.disturbance is not None:
+        row |= {"disturbance": _disturbance_row(probe.disturbance)}
+    return _plain(row)
+
+
+def _motion(probe: Probe) -> Row:
+    return {n: v for n, v in fields_of(probe).items() if n != "slides" or len(v)}
+
+
+def _plain(row: Row) -> Row:
     return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in row.items()}
+
+
+def _disturbance_row(disturbance: Disturbance) -> Row:
+    poses = {name: X.tolist() for name, X in disturbance.poses.items()}
+    contacts, forces = dict(disturbance.contacts), dict(disturbance.forces)
+    return {"contacts": contacts, "forces": forces, "poses": poses}
 
 
 def _logged(path: Path, rows: list[Row]) -> tuple[LoggedProbe, ...]:
@@ -188,7 +220,26 @@ def _probe_of(row: TouchEntry) -> LoggedProbe:
     )
     tracked = row.tracked_pose
     belief = None if tracked is None else PoseBelief.from_dict(tracked.model_dump())
-    return LoggedProbe(Observation(outcome, belief, _rows(row.dropped)), _array(row.simulated_pose))
+    beside = tuple(
+        BodyTouch(one.body, np.array(one.point), np.array(one.normal)) for one in row.beside
+    )
+    refused = tuple(
+        ProbeOutcome(
+            Probe(np.array(one.target), np.array(one.direction), one.standoff, one.overshoot),
+            "blocked",
+            reason=one.reason,
+        )
+        for one in row.refused
+    )
+    observation = Observation(outcome, belief, _rows(row.dropped), beside, refused)
+    return LoggedProbe(observation, _array(row.simulated_pose), _disturbance_of(row.disturbance))
+
+
+def _disturbance_of(entry: DisturbanceEntry | None) -> Disturbance | None:
+    if entry is None:
+        return None
+    poses = {name: np.array(X) for name, X in entry.poses.items()}
+    return Disturbance(entry.contacts, entry.forces, poses)
 
 
 def _array(values: Sequence[Any] | None) -> FloatArray | None:
@@ -212,6 +263,33 @@ class BeliefEntry(FileRecord):
     suspicious: bool
     lost: bool
     joined: Pose | None = None
+
+
+class DisturbanceEntry(FileRecord):
+    """A `Disturbance`."""
+
+    contacts: dict[str, Annotated[int, Field(ge=0)]]
+    forces: dict[str, Number]
+    poses: dict[str, Pose]
+
+
+class BodyTouchEntry(FileRecord):
+    """A `BodyTouch`."""
+
+    body: str
+    point: Vector
+    normal: Vector
+
+
+class RefusedEntry(FileRecord):
+    """A probe that was refused."""
+
+    target: Vector
+    direction: Vector
+    standoff: Number
+    overshoot: Number
+    reason: str
+    slides: list[Vector] = Field(default_factory=list)
 
 
 class TouchEntry(FileRecord):
@@ -239,5 +317,8 @@ class TouchEntry(FileRecord):
     simulated_pose: Pose | None = None
     tracked_pose: BeliefEntry | None = None
     dropped: list[Vector] = Field(default_factory=list)
+    beside: list[BodyTouchEntry] = Field(default_factory=list)
+    refused: list[RefusedEntry] = Field(default_factory=list)
     slides: list[Vector] = Field(default_factory=list)
     slid: Annotated[int, Field(ge=0)] = 0
+    disturbance: DisturbanceEntry | None = None

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import trimesh
 
 from lis_grasp.geometry import apply_pose, rotate
+from lis_grasp.grasping.body_clearance import BodyClearance, Hit
 from lis_grasp.grasping.grasp_batch import GraspBatch
-from lis_grasp.grasping.grasps import LIFT, STANDOFF, Reach
+from lis_grasp.grasping.grasps import STANDOFF, Reach
 from lis_grasp.grasping.inverse_kinematics import solve_ik
+from lis_grasp.grasping.lift_path import STRAIGHT_LIFTS, LiftPath
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import SEATING, Hand
 from lis_grasp.robots.robot_model import Pad
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+from lis_grasp.world import ALONE, Surroundings
 
 _MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
 _MAX_AXIS_ERROR = 0.02  # [rad] of a contact beyond its pad's border
@@ -28,7 +32,7 @@ _ARM_CLEARANCE = 0.001  # [m] the same of a hand on an arm, which sags by up to 
 _ARM_ERROR = 0.002
 _OPENING = 0.02  # [m] of each pad from its contact before the hand closes
 _OFF_JAW = 0.003  # [m] off a fixed jaw's contact, where no link may touch
-_APPROACH_STEPS, _LIFT_STEPS = 8, 6  # poses that are checked
+_APPROACH_STEPS = 8  # poses that are checked
 _FACE_DEPTH = 0.001  # [m]: parts of a link this near to the plane of its pad belong to the pad
 _BORDER = 0.0005  # [m] of a flat pad at the fingertip without contacts
 _STEEP = 0.2  # least descent of the approach per metre at which the palm rises by going back
@@ -50,10 +54,13 @@ class CandidateFilter:
     - ``grasp_hits_object``, ``_support``, ``_obstacle``, ``_self``: a collision at the grasp;
     - ``approach_hits_object``, ``_support``, ``_obstacle``, ``_self``: a collision opened or on the
       approach;
-    - ``lift_hits_obstacle``: a collision on the straight lift;
+    - ``lift_hits_obstacle``, ``carried_hits_obstacle``, ``retreat_hits_obstacle``: a collision of
+      the hand, of the object in it, or of the hand that lets go, in each of the `lifts`;
     - with a `reach`, the reasons of its check.
 
-    For arguments see `HandCollisionChecker`. `reach` is the reach of the arm that carries the hand.
+    `hit_bodies` counts the bodies of the `surroundings`, the obstacles, that these would hit, or
+    pass by within a `margin` [m]. For the other arguments see `HandCollisionChecker`. `reach` is
+    the reach of the arm that carries the hand.
     """
 
     def __init__(
@@ -63,7 +70,9 @@ class CandidateFilter:
         *,
         support_height: float | None,
         reach: Reach | None = None,
-        obstacles: trimesh.Trimesh | None = None,
+        surroundings: Surroundings = ALONE,
+        lifts: Sequence[LiftPath] = STRAIGHT_LIFTS,
+        margin: float = 0.0,
     ) -> None:
         self._reach_check = None if reach is None else reach.reach_check(mesh)
         self._hand = hand
@@ -77,12 +86,19 @@ class CandidateFilter:
         else:
             self._floor += clearance + _SPARE + beyond
         self._checker = HandCollisionChecker(
-            hand, mesh, support_height=support_height, clearance=clearance, obstacles=obstacles
+            hand, mesh, support_height=support_height, clearance=clearance
         )
+        self._bodies: BodyClearance | None = None
+        if len(surroundings):
+            self._bodies = BodyClearance(
+                hand, mesh, surroundings, support_height=support_height, margin=margin
+            )
+        self._lifts = lifts
         self._is_fixed = np.isin(hand.fingers, hand.fixed_fingers)  # (F,)
         self._opening = np.where(self._is_fixed, 0.0, 1.0 + self._is_fixed.any())[:, None]
         self._offsets = fingertip_offsets(hand)
         self.rejected: Counter[str] = Counter()
+        self.hit_bodies: Counter[str] = Counter()
 
     def solve_and_filter(self, batch: GraspBatch) -> tuple[IndexArray, GraspBatch]:
         """Return the indices of the contact sets that are accepted, and their grasps.
@@ -101,15 +117,14 @@ class CandidateFilter:
         kept = kept[self._free("grasp", q, X_OH[:, None], pads_may_touch=True)]
         if self._is_fixed.any():
             kept = kept[self._with_free_jaws(batch.subset(kept))]
-        lift = np.linspace(0.0, LIFT, _LIFT_STEPS)[:, None] * [0.0, 0.0, 1.0]
-        blocked = self._checker.hit_obstacle(_paths(batch.X_OH[kept], lift), batch.q[kept])
-        self.rejected["lift_hits_obstacle"] += int(blocked.sum())
-        kept = kept[~blocked]
+        kept = kept[self._off_bodies("grasp", batch.q[kept], batch.X_OH[kept, None])]
         batch = batch.subset(kept)
         away = replace(batch, points=batch.points + _OPENING * self._opening * batch.normals)
         opened = solve_ik(self._hand, away, palm_fixed=True).q
         paths = self._approaches(batch.X_OH)
         free = np.flatnonzero(self._free("approach", opened, paths))
+        free = free[self._off_bodies("approach", opened[free], paths[free])]
+        free = free[self._with_free_lifts(batch.subset(free), opened[free])]
         free = free[self._within_reach(batch.subset(free), opened[free])]
         batch = batch.subset(free)
         clearance = self._checker.clearances(batch.X_OH, batch.q)
@@ -175,6 +190,35 @@ class CandidateFilter:
         )
         self.rejected += Counter(f"{stage}_hits_{hit}" for hit in hits if hit is not None)
         return np.array([hit is None for hit in hits], dtype=bool)
+
+    def _off_bodies(self, stage: str, q: FloatArray, paths: FloatArray) -> BoolArray:
+        """Return which postures hit no body on paths (B, W, 4, 4), shape (B,)."""
+        free = np.ones(len(paths), dtype=bool)
+        for k, path in enumerate(paths if self._bodies is not None else ()):
+            assert self._bodies is not None
+            if body := self._bodies.hit_by_hand(path, q[k]):
+                free[k] = False
+                self._reject(Hit(f"{stage}_hits_obstacle", body))
+        return free
+
+    def _with_free_lifts(self, batch: GraspBatch, opened: FloatArray) -> BoolArray:
+        """Return which grasps have a lift in which nothing hits a body, (B,)."""
+        free = np.ones(len(batch), dtype=bool)
+        if self._bodies is None:
+            return free
+        back = -STANDOFF * rotate(batch.X_OH, self._hand.approach_H)
+        for k, X_OH in enumerate(batch.X_OH):
+            lift = self._bodies.first_free_lift(
+                self._lifts, X_OH, q=batch.q[k], opened=opened[k], back=back[k]
+            )
+            if isinstance(lift, Hit):
+                free[k] = False
+                self._reject(lift)
+        return free
+
+    def _reject(self, hit: Hit) -> None:
+        self.rejected[hit.reason] += 1
+        self.hit_bodies[hit.body] += 1
 
 
 def _paths(X_OH: FloatArray, moved: FloatArray) -> FloatArray:

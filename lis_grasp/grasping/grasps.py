@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol, get_args, overload
 
 import numpy as np
@@ -16,7 +15,7 @@ import trimesh
 from lis_grasp.exceptions import InvalidOptionError, NoGraspError, require_packages
 from lis_grasp.geometry import as_pose
 from lis_grasp.io.grasp_files import read_grasp_file, write_grasp_file
-from lis_grasp.records import ByValue, Record, fields_of, read_only, reduce_record, short_repr
+from lis_grasp.records import ByValue, FrozenDict, Record, fields_of, read_only, short_repr
 from lis_grasp.robots.robot_model import GraspFamily
 from lis_grasp.shapes.object_mass import USUAL_FRICTION, USUAL_MASS, require_load
 from lis_grasp.typing import FloatArray
@@ -127,10 +126,7 @@ class Grasp(ByValue, Record):
                 f"a grasp's quality must be finite numbers, one named 'epsilon'; it is {values}",
                 option="quality",
             )
-        object.__setattr__(self, "quality", MappingProxyType(values))
-
-    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
-        return reduce_record(self)
+        object.__setattr__(self, "quality", FrozenDict(values))
 
     @property
     def pose(self) -> FloatArray:
@@ -160,6 +156,8 @@ class GraspSearch(ByValue, Record, Sequence[Grasp]):
         Number of rejected candidates by reason (`lis_grasp.results.summary.REJECTIONS`).
     candidates
         Number of all candidates.
+    hit_bodies
+        Number of rejected candidates by the body beside the object that they would hit.
 
     Examples
     --------
@@ -173,6 +171,7 @@ class GraspSearch(ByValue, Record, Sequence[Grasp]):
     grasps: tuple[Grasp, ...]
     rejections: Mapping[str, int] = field(default_factory=dict)
     candidates: int = 0
+    hit_bodies: Mapping[str, int] = field(default_factory=dict)
 
     __repr__ = short_repr
 

@@ -23,10 +23,12 @@ from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasp_quality import GraspScorer
 from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
 from lis_grasp.grasping.hand_capacity import least_pinched_height
+from lis_grasp.grasping.lift_path import STRAIGHT_LIFTS, LiftPath
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.shape import require_mesh
 from lis_grasp.typing import FloatArray, IndexArray, Seed
 from lis_grasp.underflow import underflows
+from lis_grasp.world import ALONE, Body, Surroundings
 
 _LOG = logging.getLogger(__name__)
 
@@ -62,8 +64,14 @@ class ForceClosureSampler:
         resorts.
     station
         The `Station` of an arm, in whose reach grasps have to be; None for a free hand.
+    surroundings
+        The bodies beside the object, in O, which the hand and what it carries may not hit.
+    lifts
+        Lifts of which one must hit none of them.
+    margin
+        Least distance from them [m], such as the error of their places.
     obstacles
-        Mesh in O of what neither hand nor arm may hit [m], such as a shelf; it may be open.
+        The same as one mesh in O [m], which may be open; until 4.0.
     load
         Fields of a `LoadPrior`: ``friction``, ``mass``, ``friction_spread``, ``mass_spread``.
 
@@ -81,6 +89,9 @@ class ForceClosureSampler:
         *,
         candidates: int = CANDIDATES,
         station: Reach | None = None,
+        surroundings: Surroundings = ALONE,
+        lifts: Sequence[LiftPath] = STRAIGHT_LIFTS,
+        margin: float = 0.0,
         obstacles: trimesh.Trimesh | None = None,
         **load: Any,
     ) -> None:
@@ -88,7 +99,10 @@ class ForceClosureSampler:
         if not isinstance(prior, LoadPrior | None):
             message = "prior must be a LoadPrior: give friction= and mass= by their names"
             raise InvalidOptionError(message, option="prior", value=prior)
-        self.obstacles = obstacles
+        if obstacles is not None:
+            obstacle = Body.of_mesh("obstacles", obstacles)
+            surroundings = Surroundings((*surroundings, obstacle))
+        self.surroundings, self.lifts, self.margin = surroundings, tuple(lifts), margin
         self.hand, self.candidates, self.station = hand, candidates, station
         self.prior = LoadPrior(**load) if prior is None else prior
 
@@ -147,7 +161,9 @@ class ForceClosureSampler:
             mesh,
             support_height=support_height,
             reach=self.station,
-            obstacles=self.obstacles,
+            surroundings=self.surroundings,
+            lifts=self.lifts,
+            margin=self.margin,
         )
         scorer = GraspScorer(
             self.hand, mesh, prior=self.prior, rng=rng, support_height=support_height
@@ -242,7 +258,10 @@ class _Search:
         if self.grasps is not None:
             grasps = self.scorer.plan_forces(_sorted(self.scorer.predict_success(self.grasps)))
         return GraspSearch(
-            tuple(grasps), {reason: n for reason, n in sorted(rejected.items()) if n}, self.drawn
+            tuple(grasps),
+            {reason: n for reason, n in sorted(rejected.items()) if n},
+            self.drawn,
+            dict(sorted(self.candidate_filter.hit_bodies.items())),
         )
 
     def _scored(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.io.atomic_writing import write_json
@@ -46,6 +47,7 @@ class _Search(FileRecord):
     grasps: list[_Grasp]
     rejections: dict[str, Count]
     candidates: Count
+    hit_bodies: dict[str, Count] = Field(default_factory=dict)
 
 
 def write_grasp_file(search: Mapping[str, Any], path: Path, *, header: str = "") -> None:
@@ -57,6 +59,7 @@ def write_grasp_file(search: Mapping[str, Any], path: Path, *, header: str = "")
         "units": _UNITS,
         "candidates": search["candidates"],
         "rejections": dict(sorted(search["rejections"].items())),
+        **({"hit_bodies": dict(search["hit_bodies"])} if search["hit_bodies"] else {}),
         "grasps": [_to_plain(fields_of(grasp)) for grasp in search["grasps"]],
     }
     write_json(path, content)
@@ -73,7 +76,8 @@ def read_grasp_file(path: Path, grasp: Callable[..., Any]) -> dict[str, Any]:
     except InvalidOptionError as error:
         message = f"{path} has no valid grasps: {error}"
         raise InvalidFileError(message, path=path, field=error.option) from None
-    return {"grasps": grasps, "rejections": content.rejections, "candidates": content.candidates}
+    counts = {name: getattr(content, name) for name in ("rejections", "candidates", "hit_bodies")}
+    return {"grasps": grasps, **counts}
 
 
 def _to_plain(grasp: Mapping[str, Any]) -> dict[str, Any]:

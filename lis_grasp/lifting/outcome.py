@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from typing import Literal
 
@@ -27,15 +28,20 @@ Reason = Literal[
     "dropped",  # The object was lost after it had been lifted.
     "slipped",  # The object is still in the hand but moved too far in it.
     "turned",  # The object is still in the hand and has not slipped, but turned too far in it.
+    "hit_body",  # A body beside the object was pushed with more than `LARGEST_FORCE_BESIDE`.
     "diverged",  # The simulation failed.
     ArmReason,
 ]
 
 LOST_GRASPS = frozenset(
     {"aborted", "collision_on_approach", "no_contact", "set_down", "ejected", "not_lifted"}
-    | {"dropped", "slipped", "turned"}
+    | {"dropped", "slipped", "turned", "hit_body"}
 )
 """Reasons after which a hand with a tactile check lets go and retreats, to try again."""
+
+
+LARGEST_FORCE_BESIDE = 2.0
+"""Force on a body beside the object [N] above which a lift stops, and has failed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +98,11 @@ class LiftOptions:
         """Duration of one shake [s]."""
         return self.shake_cycles / self.shake_frequency
 
+    @property
+    def shake_directions(self) -> FloatArray:
+        """Directions (6, 6) of the shakes: displacements along x, y, z, and turns about them."""
+        return np.diag(np.repeat([1.0, 1.0 / self.turn_arm], 3))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiftOutcome(Record):
@@ -121,6 +132,10 @@ class LiftOutcome(Record):
     #: grip force by that which just carries the weighed mass in the largest shake, as planned
     grip_margin: float | None = None
     arm: ArmUse | None = None  #: what was demanded of the arm; None for a hand on a free wrist
+    #: largest force of hand, arm and object on each body beside the object that they touched [N]
+    forces: Mapping[str, float] = field(default_factory=dict)
+    #: (4, 4), final poses of the free bodies beside the object, in W like all of this
+    X_EB: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @classmethod
     def not_begun(cls, reason: Reason, X_WO: FloatArray) -> LiftOutcome:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
 
 from lis_grasp.arms.use import ArmUse
+from lis_grasp.lifting.outcome import LARGEST_FORCE_BESIDE
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import WristPath, rest_at
 from lis_grasp.motion import Motion
@@ -156,15 +157,31 @@ class LiftingScene(Protocol):
     def X_WL(self, link: str) -> FloatArray:
         """Return the pose of a link, shape (4, 4)."""
 
+    def forces_beside(self) -> Mapping[str, float]:
+        """Return the forces [N] of hand, arm and object on bodies beside the object now."""
+
+    def poses_beside(self) -> Mapping[str, FloatArray]:
+        """Return the poses X_WB (4, 4) of the free bodies beside the object."""
+
+
+class BodyHitError(Exception):
+    """A body beside the object was pushed too hard, so that the motion ends."""
+
 
 class Steps:
-    """The steps of one lift in a scene."""
+    """The steps of one lift in a scene.
+
+    They end at a force above `LARGEST_FORCE_BESIDE` on a body beside the object, once.
+    """
 
     def __init__(self, scene: LiftingScene, setup: LiftSetup) -> None:
         self._scene, self._options = scene, setup.options
         self._goal = np.asarray(setup.grasp.X_OH, dtype=np.float64)[:3, 3]
         self._times: list[float] = []
         self._poses: dict[str, list[FloatArray]] = {}
+        #: largest force on each touched body beside the object [N]
+        self.forces_beside: dict[str, float] = {}
+        self._has_hit = False
         self._record()
 
     @property
@@ -179,7 +196,10 @@ class Steps:
         self.move(self._scene.carrier.follow(path, duration), fingers)
 
     def move(self, motion: CarrierMotion, fingers: FingerCommand | None = None) -> None:
-        """Step until the motion is over, or `fingers` returns that the phase is."""
+        """Step until the motion is over, or `fingers` returns that the phase is.
+
+        Raises `BodyHitError` at the first force on a body beside the object that is too large.
+        """
         step = self._options.time_step
         command_every = max(1, round(1.0 / (CONTROL_RATE * step)))
         record_every = max(1, round(1.0 / (self._options.frame_rate * step)))
@@ -190,6 +210,12 @@ class Steps:
             self._scene.step()
             if self._scene.steps % record_every == 0:
                 self._record()
+            for name, force in self._scene.forces_beside().items():
+                self.forces_beside[name] = max(force, self.forces_beside.get(name, 0.0))
+            largest = max(self.forces_beside.values(), default=0.0)
+            if largest > LARGEST_FORCE_BESIDE and not self._has_hit:
+                self._has_hit = True
+                raise BodyHitError
 
     def motion(self) -> Motion:
         """Return the recorded motion so far."""

@@ -12,7 +12,7 @@ from lis_grasp.exceptions import SimulationError
 from lis_grasp.lifting.closing import SETTLE_TIME, SETTLED, AcceptGrasp, Closing
 from lis_grasp.lifting.object_in_hand import SlipWatch
 from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome, Reason
-from lis_grasp.lifting.scene import CONTROL_RATE, LiftingScene
+from lis_grasp.lifting.scene import CONTROL_RATE, BodyHitError, LiftingScene
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import WristPath, line, rest_at, shake_about
 from lis_grasp.motion import OBJECT
@@ -86,6 +86,8 @@ class LiftTrial:
             weighed=self._weighed,
             grip_margin=self._margin,
             arm=self._scene.carrier.use,
+            forces=dict(self._steps.forces_beside),
+            X_EB={} if diverged else dict(self._scene.poses_beside()),
         )
 
     def _run_phases(self) -> Reason:
@@ -95,7 +97,11 @@ class LiftTrial:
             *(self._lift, self._shake, self._hold),
         ):
             _LOG.info("%s", phase.__name__.strip("_"))
-            failure = phase()
+            failure: Reason | None
+            try:
+                failure = phase()
+            except BodyHitError:
+                failure = "hit_body"
             if failure is not None:
                 if self._accept_grasp is not None and failure in LOST_GRASPS:
                     self._let_go()
@@ -149,9 +155,8 @@ class LiftTrial:
 
     def _shake(self) -> Reason | None:
         options = self._options
-        directions = np.diag(np.repeat([1.0, 1.0 / options.turn_arm], 3))
         for acceleration in options.shake_accelerations:
-            for name, direction in zip(_DIRECTIONS, directions, strict=True):
+            for name, direction in zip(_DIRECTIONS, options.shake_directions, strict=True):
                 path_at = partial(self._shake_path, direction)
                 motion = self._scene.carrier.shake(path_at, acceleration, options.shake_time, name)
                 self._steps.move(motion, self._hold_grip)

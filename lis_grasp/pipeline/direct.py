@@ -36,9 +36,10 @@ from lis_grasp.stages.touch import touch
 from lis_grasp.task.scene_file import is_scene_file, load_scene
 from lis_grasp.task.task import LIFTING, Task, require_options, task_options
 from lis_grasp.typing import Seed
+from lis_grasp.world import Surroundings
 
 # Options that a plan and a lift use, beside hand and object.
-_LOAD = ("size", "units", "up", "mass", "friction", "load", "arm", "base")
+_LOAD = ("size", "units", "up", "mass", "friction", "load", "arm", "base", "world", "at")
 
 
 def run(
@@ -70,7 +71,8 @@ def run(
     options
         See `Task.of`; they replace options of a scene file or a task. The usual ones are
         ``touches``, ``seed``, ``estimator``, ``prober``, ``friction``, ``mass`` [kg], ``size`` [m],
-        ``units``, ``up``, ``pose``, ``region``, ``arm`` and ``simulator``.
+        ``units``, ``up``, ``pose``, ``region``, ``arm``, ``simulator`` and ``world``, the path of
+        the bodies beside the object.
 
     Raises
     ------
@@ -96,6 +98,11 @@ def run(
     if is_scene_file(object):
         object = load_scene(str(object))
     task = object.having(**options) if isinstance(object, Task) else Task.of(object, **options)
+    if isinstance(task.known.world, Surroundings):
+        raise TypeError(
+            "a run records its world by the path of a file, and this one is in memory: give a path,"
+            " or use explore, plan and lift"
+        )
     return run_task(task, folder, progress=progress, fresh=fresh)
 
 
@@ -119,7 +126,8 @@ def explore(
     options
         See `Task.of`. The usual ones are ``known``, ``touches``, ``prober`` ("kinematic" needs
         no simulator), ``estimator``, ``policy``, ``position_noise`` [m], ``normal_noise`` [rad],
-        ``pose``, ``region``, ``free``, ``cloud``, ``size`` [m], ``units``, ``up`` and ``arm``.
+        ``pose``, ``region``, ``free``, ``cloud``, ``size`` [m], ``units``, ``up``, ``arm`` and
+        ``world``, a path or `Surroundings`.
 
     Raises
     ------
@@ -165,7 +173,7 @@ def plan(
     options
         See `Task.of`: ``grasps`` (their number), ``friction``, ``mass`` [kg] or else
         ``load="unknown"``, ``size`` [m], ``units``, ``up``, ``arm``, ``base`` [m], and
-        ``world``, the path of the bodies beside the object, in O.
+        ``world``, a path or `Surroundings` in O.
 
     Raises
     ------
@@ -182,7 +190,7 @@ def plan(
     >>> search.best.hand, search.best.pose.shape
     ('wsg50', (4, 4))
     """
-    require_options(options, (*_LOAD, "grasps", "world", "seed"))
+    require_options(options, (*_LOAD, "grasps", "seed"))
     require_one_load(options)
     named, options["seed"] = object_name(mesh), seed_of(rng, options)
     task = Task.of(named, known=True, hand=hand_name(hand), **options)
@@ -211,8 +219,8 @@ def lift(
         The grasp, such as ``plan(mesh, hand).best``.
     options
         See `Task.of`: ``friction``, ``mass`` [kg], ``load`` (what the hand knows of both),
-        ``simulator`` ("drake" or "mujoco"), ``size`` [m], ``units``, ``up``, ``arm`` and
-        ``base`` [m].
+        ``simulator`` ("drake" or "mujoco"), ``size`` [m], ``units``, ``up``, ``arm``,
+        ``base`` [m] and ``world``, a path or `Surroundings` in O.
 
     Raises
     ------

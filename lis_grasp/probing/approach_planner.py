@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import trimesh
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
@@ -16,8 +15,8 @@ from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, make_pose, tangent_frame
+from lis_grasp.probing.bodies_beside import BodiesBeside
 from lis_grasp.records import Record
-from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import ProbePosture
 from lis_grasp.typing import BoolArray, FloatArray
@@ -77,6 +76,8 @@ class Approach(Record):
     axis: FloatArray  # (3,), unit, in O: direction of the finger and of the approach
     distance: float  # length of the approach [m]
     arm: ArmProbe | None = None  # joint positions of the arm that carries the hand
+    #: (4, 4) each: poses of a free hand from above all bodies beside the object to the approach
+    way: tuple[FloatArray, ...] = ()
 
     @property
     def X_OH_outside(self) -> FloatArray:
@@ -97,8 +98,8 @@ class ApproachPlanner:
     With a `station`, the approach and the probe's motion have to be within its arm's reach. Then
     fingers tilted by 15 and 30 degrees, and those turned down are tried before oblique ones. Only
     fingertips are to touch: other links keep out of the estimated object, and off it where the arm
-    can (`KeepOut`). Probes are in its frame W. The hand keeps off `obstacles`, a mesh [m] in the
-    frame of the probes, on the approach and on the probe's whole motion.
+    can (`KeepOut`). Probes are in its frame W. The hand keeps off the bodies `beside` the object on
+    the approach and up to the probe's target; a free one needs a way to the approach, too.
     """
 
     def __init__(
@@ -106,11 +107,9 @@ class ApproachPlanner:
         hand: Hand,
         station: Station | None = None,
         *,
-        obstacles: trimesh.Trimesh | None = None,
+        beside: BodiesBeside | None = None,
     ) -> None:
-        self._checker = (
-            None if obstacles is None else HandCollisionChecker(hand, obstacles=obstacles)
-        )
+        self._beside = beside
         self._reach = None if station is None else ProbeReach(station)
         self._axes = _OBLIQUE if station is None else np.vstack([_TILTED, _OBLIQUE])
         if not hand.probe_postures:
@@ -136,9 +135,16 @@ class ApproachPlanner:
 
     def plan(self, probe: Probe, obstacles: ObstacleModel) -> Approach | None:
         """Return the first collision-free approach, or None."""
+        found = self.find(probe, obstacles)
+        return None if isinstance(found, str) else found
+
+    def find(self, probe: Probe, obstacles: ObstacleModel) -> Approach | str:
+        """Return the first collision-free approach, or why there is none."""
+        blocked = NO_FREE_APPROACH if self._reach is None else OUT_OF_ARM_REACH
         centers = [probe.start - posture.radius * probe.direction for posture, _, _ in self._bodies]
         if obstacles.occupies(np.array(centers)).all():
-            return None
+            return blocked
+        first_hit: tuple[ProbePosture, FloatArray] | None = None
         axes = np.vstack([probe.direction, self._axes @ rotation_to_x(probe.direction)])
         keep_out: KeepOut | None = None
         if self._reach is not None:
@@ -152,36 +158,62 @@ class ApproachPlanner:
                 center = probe.start - posture.radius * probe.direction
                 distance = float(obstacles.space.approach_distance(center, axis))
                 rolled = list(_rolled(posture, center_H, probe, axis, distance))
+                if self._beside is not None:
+                    ends = np.array([(a.X_OH, a.X_OH_outside) for a in rolled])  # (R, 2, 4, 4)
+                    hit = np.asarray(self._beside.overlaps(posture, ends)).any(axis=1)
+                    if first_hit is None and hit.any():
+                        first_hit = posture, ends[np.argmax(hit)]
+                    rolled = [rolled[k] for k in np.flatnonzero(np.logical_not(hit))]
+                    if not rolled:
+                        continue
                 points = apply_pose(np.array([a.X_OH for a in rolled]), points_H)  # (R, P, 3)
                 for k in np.flatnonzero(~_collides(points, obstacles)):
                     back = np.arange(_POSE_SPACING, distance + _POSE_SPACING, _POSE_SPACING)
                     offsets = np.minimum(back, distance)[:, None, None] * axis  # (S, 1, 3)
-                    clear = not _collides(points[k] - offsets, obstacles).any()
-                    if clear and not self._hits_obstacle(rolled[k], probe):
-                        if keep_out is None:
-                            return rolled[k]
-                        level = self._nearness(rolled[k], probe, keep_out)
-                        if level < INSIDE:
-                            (near if level else free).append(rolled[k])
+                    if _collides(points[k] - offsets, obstacles).any():
+                        continue
+                    if self._beside is not None:
+                        between = self._between(rolled[k], probe, obstacles, self._beside)
+                        if not isinstance(between, Approach):
+                            first_hit = first_hit or (posture, between)
+                            continue
+                        rolled[k] = between
+                    if keep_out is None:
+                        return rolled[k]
+                    level = self._nearness(rolled[k], probe, keep_out)
+                    if level < INSIDE:
+                        (near if level else free).append(rolled[k])
             spare.append(near)
             if (reached := self._reached(free, probe, obstacles)) is not None:
                 return reached
         for near in spare:
             if (reached := self._reached(near, probe, obstacles)) is not None:
                 return reached
-        return None
+        if first_hit is None or self._beside is None:
+            return blocked
+        return f"{blocked}: {self._beside.in_the_way(*first_hit)} is in the way"
 
-    def _hits_obstacle(self, approach: Approach, probe: Probe) -> bool:
-        """Return whether the hand hits an obstacle on the approach or on the probe's motion."""
-        if self._checker is None:
-            return False
+    def _between(
+        self, approach: Approach, probe: Probe, obstacles: ObstacleModel, beside: BodiesBeside
+    ) -> Approach | FloatArray:
+        """Return an approach with a free hand's way to it, or the path (W, 4, 4) that hits a body.
+
+        The motion beyond the target may end before a body.
+        """
         back = np.arange(-approach.distance, 0.0, _POSE_SPACING)[:, None] * approach.axis
-        length = probe.standoff + probe.overshoot
+        length = probe.standoff + min(probe.overshoot, _FARTHER)
         ahead = np.append(np.arange(0.0, length, _POSE_SPACING), length)[:, None] * probe.direction
         path = np.repeat(approach.X_OH[None], len(back) + len(ahead), axis=0)
         path[:, :3, 3] += np.vstack([back, ahead])
-        q = approach.posture.joint_positions
-        return bool(self._checker.hit_obstacle(path[None], q[None])[0])
+        posture, outside = approach.posture, approach.X_OH_outside
+        if beside.hits(posture, path):
+            return path
+        if self._reach is not None:
+            return approach
+        way = beside.way_out(posture, outside, -approach.axis, obstacles.space)
+        if way is None:
+            return outside[None]
+        return replace(approach, way=tuple(way[::-1]))
 
     def _nearness(self, approach: Approach, probe: Probe, keep_out: KeepOut) -> int:
         """Return how near the links other than fingertips come to the estimate on the motion."""

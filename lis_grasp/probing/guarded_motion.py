@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -14,9 +15,11 @@ from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import PROBE_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate, unit
+from lis_grasp.motion import OBJECT
 from lis_grasp.probing.approach_planner import NO_FREE_START, Approach, leading_center
 from lis_grasp.probing.course import Course, Leg, Slide
 from lis_grasp.probing.probe_planner import ProbePlanner
+from lis_grasp.probing.true_bodies import TrueBodies
 from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.link_bodies import balls_inside
@@ -45,12 +48,13 @@ class GuardedMotion:
     """Moves a hand through the true scene until a link touches.
 
     Conservative advancement (Mirtich 1996): move as far as the distance between links and object
-    allows, repeatedly. python-fcl computes distances on the exact mesh: the true object in O [m]. A
-    hand without probe posture and a mesh that is not watertight are refused.
+    or another body allows, repeatedly. python-fcl computes distances on the exact mesh: the true
+    object in O [m]. A hand without probe posture and a mesh that is not watertight are refused.
 
     Probes, obstacles and courses are in the frame E in which the hand is commanded. It is O until
     `place_object` moves the object. With a `station`, probes are within the reach of its arm.
-    `surroundings` are the true bodies beside the object, `known` those that plans avoid.
+    `surroundings` are the true bodies beside the object, which end a motion as it does, `known`
+    those that plans avoid. Both are in E at first.
     """
 
     def __init__(
@@ -64,7 +68,7 @@ class GuardedMotion:
         known: Surroundings = ALONE,
     ) -> None:
         self._planner = ProbePlanner(hand, station, probe_speed=probe_speed, known=known)
-        self._surroundings = surroundings
+        self._beside = TrueBodies(hand, surroundings) if len(surroundings) else None
         if not mesh.is_watertight:
             raise InvalidMeshError("touching needs a watertight mesh: load it with `shapes.load`")
         self._mesh = mesh
@@ -84,6 +88,25 @@ class GuardedMotion:
         moved = not np.array_equal(X_EO, np.eye(4))
         self._X_OE = inverse_pose(X_EO) if moved else None
 
+    def place_surroundings(self, surroundings: Surroundings, X_WE: FloatArray) -> None:
+        """Place the true bodies beside the object, in a frame W in which E has a pose (4, 4).
+
+        The known bodies stay in W, too.
+        """
+        self._planner.place_frame(X_WE)
+        if self._beside is not None:
+            self._beside.place_frame(X_WE)
+            self._beside.place(surroundings)
+
+    def place_known(self, poses: Mapping[str, FloatArray]) -> None:
+        """Place the bodies that plans avoid at believed poses (4, 4) in W, by their names."""
+        self._planner.place_known(poses)
+
+    def reaches(self, probe: Probe, obstacles: ObstacleModel) -> str:
+        """Return why no finger reaches a probe; empty if one does."""
+        found = self._planner.approach(probe, self._planner.kept_off(obstacles))
+        return found if isinstance(found, str) else ""
+
     def place_station(self, station: Station) -> None:
         """Place the station of the arm in the frame E."""
         self._planner.place_station(station)
@@ -96,17 +119,19 @@ class GuardedMotion:
         """
         way = None
         if obstacles is None:
-            approach = self._free_start(probe)
-            if approach is None:
-                return NO_FREE_START
+            started = self._free_start(probe)
+            if isinstance(started, str):
+                return started
+            approach = started
         else:
             obstacles = self._planner.kept_off(obstacles)
             planned = self._planner.approach(probe, obstacles)
             if isinstance(planned, str):
                 return planned
             approach = planned
-            if self._place(approach, approach.X_OH_outside):
-                return NO_FREE_START
+            met = self._place(approach, approach.X_OH_outside)
+            if met is not None:
+                return _no_start(met)
             transit = self._planner.transit(approach, obstacles.space)
             if isinstance(transit, str):
                 return transit
@@ -120,8 +145,11 @@ class GuardedMotion:
         if touched is None:
             self._place(approach, approach.X_OH)
             end = min(ahead.planned, self._planner.above_table(approach, probe, obstacles))
+            at_table = end < probe.standoff
+            if obstacles is not None:
+                end = min(end, self._planner.before_bodies(approach, probe))
             ahead, touched = self._moved(ahead, end)
-            legs, at_table = (way_in, ahead), touched is None and end < probe.standoff
+            legs, at_table = (way_in, ahead), touched is None and at_table
         course = Course(posture.finger, posture.joint_positions, legs, touched, at_table, way)
         slide = self._slide(probe, course, obstacles)
         return course if slide is None else replace(course, slide=slide)
@@ -135,6 +163,13 @@ class GuardedMotion:
         normals[flat] = unit(around, least=1e-12)
         return normals
 
+    def normal(self, touched: NearestLink) -> FloatArray:
+        """Return the normal (3,) of the object, or of the body beside it, where a link touches."""
+        if self._beside is not None and touched.body is not None:
+            return self._beside.normal(touched.face)
+        normal: FloatArray = self.face_normals[touched.face]
+        return normal
+
     def _slide(self, probe: Probe, course: Course, obstacles: ObstacleModel | None) -> Slide | None:
         """Slide a touching fingertip of the placed hand along the surface; None if it cannot.
 
@@ -144,7 +179,7 @@ class GuardedMotion:
         finger, touched = course.finger, course.touched
         if not len(probe.slides) or course.way is not None or self._X_OE is not None:
             return None
-        if touched is None or self._fingers.get(touched.link) != finger:
+        if touched is None or touched.body or self._fingers.get(touched.link) != finger:
             return None
         height, slide = -np.inf, None
         if obstacles is not None and obstacles.space.support_height is not None:
@@ -184,12 +219,12 @@ class GuardedMotion:
             wall, way = self._advance(along, step, lifted)
             if wall is not None:
                 if way > 0.0:
-                    length, end, normal = length + way, wall, self.face_normals[wall.face]
+                    length, end, normal = length + way, wall, self.normal(wall)
                     places.append(lifted + way * along)
                     turned = normal @ first < _LEAST_TURN_COSINE
                 break
             found, drop = self._advance(-normal, 2.0 * SLIDE_STEP, ahead)
-            if found is None or self._fingers.get(found.link) != course.finger:
+            if found is None or found.body or self._fingers.get(found.link) != course.finger:
                 places.append(ahead)
                 break
             there = self.face_normals[found.face]
@@ -247,12 +282,18 @@ class GuardedMotion:
             np.concatenate([np.full(len(tip), balls[0, 3]), radii]),
         )
 
-    def _place(self, approach: Approach, X_OH: FloatArray) -> bool:
-        """Place the hand; return whether a link touches the object's surface."""
-        X_OH = X_OH if self._X_OE is None else self._X_OE @ X_OH
-        return self._checker.place(X_OH, self._poses[approach.posture.finger])
+    def _place(self, approach: Approach, X_EH: FloatArray) -> str | None:
+        """Place the hand; return what it touches: the object's surface, or a body; None if none."""
+        finger = approach.posture.finger
+        X_OH = X_EH if self._X_OE is None else self._X_OE @ X_EH
+        touches = self._checker.place(X_OH, self._poses[finger])
+        met = None
+        if self._beside is not None:
+            met = self._beside.met_at(X_EH, self._poses[finger], self._balls[finger])
+        return OBJECT if touches else met
 
-    def _free_start(self, probe: Probe) -> Approach | None:
+    def _free_start(self, probe: Probe) -> Approach | str:
+        met: str | None = OBJECT
         inside: dict[float, bool] = {}  # by the tip's radius
         for approach in self._planner.starts(probe):
             radius = approach.posture.radius
@@ -262,9 +303,11 @@ class GuardedMotion:
                 if self._X_OE is not None:
                     center = apply_pose(self._X_OE, center)
                 inside[radius] = any_inside(self._mesh, center[None])
-            if not inside[radius] and not self._place(approach, approach.X_OH):
-                return approach
-        return None
+            if not inside[radius]:
+                met = self._place(approach, approach.X_OH)
+                if met is None:
+                    return approach
+        return _no_start(met or OBJECT)
 
     def _advance(
         self, direction: FloatArray, length: float, start: FloatArray | float = 0.0
@@ -273,16 +316,24 @@ class GuardedMotion:
 
         Return the link and the distance [m].
         """
-        travelled = 0.0
+        travelled, direction_E = 0.0, direction
         if self._X_OE is not None:
             direction = rotate(self._X_OE, direction)
         while True:
             nearest = self._checker.nearest(start + travelled * direction)
+            if self._beside is not None:
+                beside = self._beside.nearest(start + travelled * direction_E)
+                nearest = min(nearest, beside, key=lambda link: link.distance)
             if nearest.distance < TOUCHING:
                 return nearest, travelled
             if travelled >= length:
                 return None, length
             travelled = min(travelled + nearest.distance, length)
+
+
+def _no_start(met: str) -> str:
+    """Return why a hand that touches the object or a body cannot start there."""
+    return NO_FREE_START if met == OBJECT else f"{NO_FREE_START}: {met} is in the way"
 
 
 def _balls_in_hand(hand: Hand, posture: ProbePosture) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -10,11 +11,13 @@ import trimesh
 
 from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
+from lis_grasp.exploration.disturbance import Disturbance
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose
 from lis_grasp.probing.guarded_motion import TOUCHING, GuardedMotion
+from lis_grasp.probing.true_bodies import TrueBodies
 from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import Joint
@@ -53,8 +56,14 @@ class KinematicProber:
         known: Surroundings = ALONE,
     ) -> None:
         self._motion = GuardedMotion(hand, mesh, station, surroundings=surroundings, known=known)
-        self._extender = FingerExtender(hand, mesh) if fingers == "all" else None
+        self._extender = FingerExtender(hand, mesh, surroundings) if fingers == "all" else None
         self._link_fingers = hand.link_fingers
+        self._felt: dict[str, int] = {}
+
+    @property
+    def disturbance(self) -> Disturbance:
+        """Contacts so far with the bodies beside the object, which do not move."""
+        return Disturbance(self._felt)
 
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
         """Carry out one probe; see `Prober`."""
@@ -78,9 +87,12 @@ class KinematicProber:
         slide, made = course.slide, len(touches)
         if slide is not None and slide.touched is not None:
             touches.append((course.until_contact + slide.until_end, slide.touched))
+        for _, link in touches:
+            if link.body is not None:
+                self._felt[link.body] = self._felt.get(link.body, 0) + 1
         contacts = Contacts(
             points=np.array([link.point for _, link in touches]),
-            normals=self._motion.face_normals[[link.face for _, link in touches]],
+            normals=np.array([self._motion.normal(link) for _, link in touches]),
             fingers=tuple(link.link for _, link in touches),
             times=np.array([time for time, _ in touches]),
         )
@@ -92,6 +104,14 @@ class KinematicProber:
             hand_pose=HandPose(course.X_OH_end, q),
             slid=len(touches) - made,
         )
+
+    def reaches(self, probe: Probe, obstacles: ObstacleModel) -> str:
+        """Return why no finger reaches a probe; empty if one does. See `PlanningProber`."""
+        return self._motion.reaches(probe, obstacles)
+
+    def place_known(self, poses: Mapping[str, FloatArray]) -> None:
+        """Place known bodies at believed poses (4, 4), by their names."""
+        self._motion.place_known(poses)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,8 +144,11 @@ class FingerExtender:
     watertight mesh.
     """
 
-    def __init__(self, hand: Hand, mesh: trimesh.Trimesh) -> None:
+    def __init__(
+        self, hand: Hand, mesh: trimesh.Trimesh, surroundings: Surroundings = ALONE
+    ) -> None:
         self._hand = hand
+        self._beside: dict[str, TrueBodies] = {}
         owners = hand.link_fingers
         shared = [joint for finger in hand.fingers for joint in hand.finger_joints(finger)]
         self._fingers = {}
@@ -136,6 +159,8 @@ class FingerExtender:
                 alone = replace(hand, link_geometries=links)
                 radii = np.array([_largest_radius(alone, joint) for joint in joints])
                 checker = HandCollisionChecker(alone, mesh)
+                if len(surroundings):
+                    self._beside[finger] = TrueBodies(alone, surroundings)
                 self._fingers[finger] = checker, joints, posture.joint_positions[joints], radii
 
     def extend(self, X_OH: FloatArray, q: FloatArray, *, but: str | None) -> list[Extension]:
@@ -155,8 +180,12 @@ class FingerExtender:
         part, posture, touched = 0.0, q.copy(), None
         while True:
             posture[joints] = q[joints] + part * motion
-            checker.place(X_OH, checker.poses_in_hand(posture))
+            poses = checker.poses_in_hand(posture)
+            checker.place(X_OH, poses)
             nearest = checker.nearest(np.zeros(3))
+            if (beside := self._beside.get(finger)) is not None:
+                beside.place_hand(X_OH, poses)
+                nearest = min(nearest, beside.nearest(np.zeros(3)), key=lambda n: n.distance)
             if nearest.distance < TOUCHING:
                 touched = nearest
             if touched is not None or part >= 1.0:

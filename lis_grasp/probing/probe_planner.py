@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -21,13 +21,8 @@ from lis_grasp.exploration.probe_motions import (
     TRANSIT_SPEED,
 )
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
-from lis_grasp.probing.approach_planner import (
-    NO_FREE_APPROACH,
-    OUT_OF_ARM_REACH,
-    Approach,
-    ApproachPlanner,
-    points_on_links,
-)
+from lis_grasp.probing.approach_planner import Approach, ApproachPlanner, points_on_links
+from lis_grasp.probing.bodies_beside import BodiesBeside
 from lis_grasp.probing.course import Leg
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
@@ -48,7 +43,7 @@ _FRACTIONS = (0.6, 0.3)
 class ProbePlanner:
     """Plans probes of a hand, free or on a station's arm, from what is known of the object.
 
-    `known` are the bodies beside it.
+    `known` are the bodies beside it, in the frame of the first probe.
 
     Without a probe posture, raises InvalidHandError.
     """
@@ -61,8 +56,11 @@ class ProbePlanner:
         probe_speed: float = PROBE_SPEED,
         known: Surroundings = ALONE,
     ) -> None:
-        self._hand, self._probe_speed = hand, probe_speed
-        self._approaches = ApproachPlanner(hand, station, obstacles=known.mesh)
+        self.hand, self._probe_speed = hand, probe_speed
+        self._beside = BodiesBeside(hand, known) if len(known) else None
+        self._approaches = ApproachPlanner(hand, station, beside=self._beside)
+        self._asked: tuple[object, ...] = (None, None, None)  # the last probe between bodies
+        self._found: Approach | str = ""
         self._transits = None if station is None else ArmTransits(station)
         self._checker = HandCollisionChecker(hand)
         self._poses = {
@@ -75,6 +73,18 @@ class ProbePlanner:
         self._approaches.place_station(station)
         self._transits = ArmTransits(station)
 
+    def place_frame(self, X_WE: FloatArray) -> None:
+        """Give later probes in the frame E with pose X_WE (4, 4): bodies stay in W."""
+        if self._beside is not None:
+            self._beside.place_frame(X_WE)
+            self._asked = (None, None, None)
+
+    def place_known(self, poses: Mapping[str, FloatArray]) -> None:
+        """Place the known bodies at poses (4, 4) in W, by their names."""
+        if self._beside is not None:
+            self._beside.place(poses)
+            self._asked = (None, None, None)
+
     def kept_off(self, obstacles: ObstacleModel) -> ObstacleModel:
         """Return obstacles with the table raised by the error of an arm."""
         height = obstacles.space.support_height
@@ -85,8 +95,19 @@ class ProbePlanner:
 
     def approach(self, probe: Probe, obstacles: ObstacleModel) -> Approach | str:
         """Return the approach to a probe, or the reason why there is none."""
-        blocked = NO_FREE_APPROACH if self._transits is None else OUT_OF_ARM_REACH
-        return self._approaches.plan(probe, obstacles) or blocked
+        if self._beside is None:
+            return self._approaches.find(probe, obstacles)
+        asked = (probe, obstacles.contacts, obstacles.surface)
+        if any(now is not before for now, before in zip(asked, self._asked, strict=True)):
+            self._asked, self._found = asked, self._approaches.find(probe, obstacles)
+        return self._found
+
+    def before_bodies(self, approach: Approach, probe: Probe) -> float:
+        """Return how far the hand can move from a probe's start before it would hit a body."""
+        if self._beside is None:
+            return np.inf
+        length = probe.standoff + probe.overshoot
+        return self._beside.free_length(approach.posture, approach.X_OH, probe.direction, length)
 
     def starts(self, probe: Probe) -> Iterator[Approach]:
         """Yield every hand at the start of a probe, without an approach and without a check."""
@@ -114,7 +135,7 @@ class ProbePlanner:
 
     def points(self, *postures: FloatArray) -> FloatArray:
         """Return points on the links in postures (J,), at most 15 mm apart, (P, 3), in H [m]."""
-        return np.vstack(points_on_links(self._hand, postures))
+        return np.vstack(points_on_links(self.hand, postures))
 
     def above_table(
         self, approach: Approach, probe: Probe, obstacles: ObstacleModel | None

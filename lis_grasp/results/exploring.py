@@ -24,6 +24,7 @@ from lis_grasp.results.resuming import exploration_content, exploration_header, 
 from lis_grasp.stages.contact_sources import prior_contacts
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.stages.touch import (
+    disturbance_by,
     make_perception,
     make_prober,
     make_strategy,
@@ -65,6 +66,8 @@ def explore_into(
         remove_growth(folder)
         remove_made_from(folder / "contacts.ply", progress)
         (folder / "contacts.ply").unlink(missing_ok=True)
+    disturbances = [p.disturbance for p in recorded if p.disturbance is not None]
+    disturbance = disturbances[-1] if disturbances else None
     title = f"Touching {scenario.truth.shape.name} with {agent.hand.name}"
     with progress.stage(title) as stage:
         if ending is not None:
@@ -74,18 +77,18 @@ def explore_into(
         else:
             X_EO = recorded[-1].X_EO if recorded else None
             now = scenario if X_EO is None else scenario.moved(X_EO)
-            prober = make_prober(now, observations, arm_use)
+            prober = make_prober(now, observations, arm_use, disturbance)
             log.begin()  # a page shows the object before the first touch
             steps = touch_steps(scenario, prober, observations)
-            with_truth = ((state, true_pose(prober)) for state in steps)
-            state, X_EO = watched_steps(with_truth, log, agent, header, stage)
+            with_truth = ((state, true_pose(prober), disturbance_by(prober)) for state in steps)
+            state, X_EO, disturbance = watched_steps(with_truth, log, agent, header, stage)
             log.end(state.ended)
         exploration = state.result
         stage.result = exploration.summary()
     contacts = exploration.contacts
     if len(state.prior):  # the object was not lost
         contacts = contacts.append(cloud)
-    after = scenario.after(exploration, X_EO)
+    after = scenario.after(exploration, X_EO, disturbance)
     facts = provenance.parse(header) | after.facts() | after.warnings(contacts)
     with result_file(folder / "contacts.ply", progress) as path:
         contacts.save(path, header=provenance.describe(**facts))

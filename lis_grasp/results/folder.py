@@ -24,6 +24,12 @@ LOG = "touches.jsonl"
 SCENE = "scene.yaml"
 """The task of a run."""
 
+PAGE, PICTURE = "scene.html", "scene.png"
+"""The page of a run, and a small picture of it."""
+
+RUN_FILES = ("contacts.ply", "surface.ply", "grasps.json", "report.json", PAGE, PICTURE)
+"""What a run writes for its reader, in order."""
+
 # Files of each stage, in order; each stage reads the files of the earlier ones.
 _STAGES = (
     ("contacts.ply",),
@@ -37,7 +43,8 @@ _STAGES = (
         "labels.jsonl",
         "grasps.parquet",
         "report.json",
-        "scene.html",
+        PAGE,
+        PICTURE,
     ),
 )
 
@@ -92,6 +99,7 @@ def default_output(task: Task) -> Path:
     for name, value in facts.items():
         if name not in _NAMED and value != usual[name]:
             shown = Path(value).stem if name in ("cloud", "pose") and value else f"{value}"
+            shown = Path(value).name if name == "world" else shown
             parts.append({"True": name, "False": f"no_{name}"}.get(shown, f"{name}_{shown}"))
     name = "-".join(re.sub(r"[^\w.+-]", "_", part)[:_LONGEST_PART] for part in parts)
     return Path("results") / name
@@ -146,7 +154,7 @@ def scene_is_outdated(directory: Path, scene: Path | None = None) -> bool:
 
     The report is newer than the folder's own scene, which already contains it.
     """
-    scene = scene or directory / "scene.html"
+    scene = scene or directory / PAGE
     if not scene.exists():
         return True
     shown = [LOG, "contacts.ply", "surface.ply", "grasps.json", "motion.npz"]

@@ -83,7 +83,8 @@ def grasp_file(
         progress.say(f"{WARNING}{NO_TABLE}: `support` is {table:.4g} m, the lowest point")
     elif (below := round(1e3 * (table - lowest))) > 0:
         progress.say(f"{WARNING}the mesh reaches {below} mm below the table, z = {table:.4g} m")
-    agent = Agent.of(task, table, hand=hand, X_EA=recorded_base(options, recorded))
+    poses = {"X_EA": recorded_base(options, recorded), "X_WE": recorded.get("X_WE")}
+    agent = Agent.of(task, table, hand=hand, poses=poses)
     facts = recorded | station_facts(agent.station) | planning_facts(task)
     path = (path.parent if folder is None else folder) / "grasps.json"
     with result_file(path, progress) as temporary:

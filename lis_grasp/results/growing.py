@@ -13,6 +13,7 @@ from lis_grasp.exploration import (
     ExplorationState,
     TouchLog,
 )
+from lis_grasp.exploration.disturbance import Disturbance
 from lis_grasp.io.surface_files import save_growth
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.results.progress import StageProgress
@@ -41,17 +42,20 @@ def growth_counts(contacts: int) -> list[int]:
 
 
 def watched_steps(
-    steps: Iterator[tuple[ExplorationState, FloatArray | None]],
+    steps: Iterator[tuple[ExplorationState, FloatArray | None, Disturbance | None]],
     log: TouchLog,
     agent: Agent,
     header: str,
     stage: StageProgress,
-) -> tuple[ExplorationState, FloatArray | None]:
+) -> tuple[ExplorationState, FloatArray | None, Disturbance | None]:
     """Write the log and some intermediate estimates, report the progress, and return the end.
 
-    Each step is a state with the true pose of a free object.
+    Each step is a state with the true pose of a free object, and what touches did so far to the
+    bodies beside it.
     """
-    state, X_EO = next(steps)  # after the recorded probes; the last may lack its estimate
+    state, X_EO, disturbance = next(
+        steps
+    )  # after the recorded probes; the last may lack its estimate
     kept = Exploration.replay(state.observations[:-1], touches=agent.decide.touches).made
     counts = growth_counts(agent.decide.touches)
     while not state.ended:
@@ -69,7 +73,9 @@ def watched_steps(
                     mesh = extract_mesh(surface, resolution=cell)
                     save_growth(log.path.parent, len(state.contacts), mesh, header)
             kept = made
-        state, X_EO = next(steps)
+        before = disturbance
+        state, X_EO, disturbance = next(steps)
         if not state.ended:
-            log.append(state.observations[-1], X_EO)
-    return state, X_EO
+            same = disturbance is None or disturbance.equals(before)
+            log.append(state.observations[-1], X_EO, None if same else disturbance)
+    return state, X_EO, disturbance

@@ -91,7 +91,8 @@ class LiftingWork:
 
     search: GraspSearch
     scenario: Scenario
-    estimate: trimesh.Trimesh | None  #: that an arm avoids [m]; None for a hand without one
+    #: that an arm avoids, and bodies are kept off [m]; None for a hand without either
+    estimate: trimesh.Trimesh | None
     recorded: Mapping[str, Any]  #: facts of the header
 
 
@@ -108,5 +109,6 @@ def lifting_of(path: Path, options: Mapping[str, Any], progress: Progress) -> Li
     say_repairs(scenario.truth.shape, progress)
     require_simulator(task.world.simulator, scenario.truth.shape)
     surface = path.with_name("surface.ply")
-    avoided = scenario.agent.station is not None and surface.exists()
+    agent = scenario.agent
+    avoided = (agent.station is not None or len(agent.surroundings)) and surface.exists()
     return LiftingWork(search, scenario, load_surface(surface) if avoided else None, recorded)

@@ -13,10 +13,11 @@ from lis_grasp.arms.station import Station, Table
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.exploration import Exploration, LoggedProbe, ProbeOutcome, Region
-from lis_grasp.geometry import inverse_pose
+from lis_grasp.geometry import inverse_pose, require_pose
+from lis_grasp.io.atomic_writing import write_bytes
 from lis_grasp.io.limits import reading
 from lis_grasp.io.surface_files import load_growth
-from lis_grasp.results.folder import LOG, read_touches
+from lis_grasp.results.folder import LOG, PAGE, PICTURE, read_touches
 from lis_grasp.results.run_results import SOURCES, Run
 from lis_grasp.results.summary import headline, run_lines
 from lis_grasp.robots.arm import Arm
@@ -24,13 +25,16 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.stages.surroundings import find_surroundings
 from lis_grasp.task.recorded_facts import read_facts
 from lis_grasp.task.task import Task
+from lis_grasp.typing import FloatArray
 from lis_grasp.visualization.scene import Scene
+from lis_grasp.world import Surroundings
 
 
 def write_scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Path:
-    """Write scene.html from the results in a folder, and return its path; see `scene_of`."""
-    path = directory / "scene.html"
-    scene_of(directory, report).save(path)
+    """Write page and picture of the results in a folder; return the page's path; see `scene_of`."""
+    path, scene = directory / PAGE, scene_of(directory, report)
+    scene.save(path)
+    write_bytes(directory / PICTURE, scene.png())
     return path
 
 
@@ -58,14 +62,13 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
         if run.truth is not None:
             content |= {"truth": run.truth.mesh, "title": f"lis_grasp: {run.truth.name}"}
     with suppress(LisGraspError):  # the page is complete without them
-        content["surroundings"] = find_surroundings(Task.from_facts({}, facts))
+        content["surroundings"] = _beside(facts, probes)
     if facts.get("arm") is not None and "X_EA" in facts:
         height = facts.get("support_height")
         table = None if height is None else Table(float(height))
         X_EA = np.asarray(facts["X_EA"])
-        believed = probes[-1].observation.belief if unfinished and probes else None
-        if believed is not None:  # the frame of the contacts has moved
-            X_EA = inverse_pose(believed.X_WE) @ X_EA
+        if unfinished:  # the frame of the contacts has moved since
+            X_EA = inverse_pose(_frame(probes)) @ X_EA
         content["station"] = Station.make(Arm.load(facts["arm"]), hand, X_EA, table=table)
     if contacts is not None:
         content["contacts"] = contacts
@@ -89,6 +92,21 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
     if run.grasps is not None:
         content["grasps"] = run.grasps.grasps
     return Scene(**content)
+
+
+def _beside(facts: Mapping[str, Any], probes: tuple[LoggedProbe, ...] | None) -> Surroundings:
+    """Return the bodies beside the object in the frame of the contacts."""
+    height = float(facts.get("support_height") or 0.0)
+    in_W = find_surroundings(Task.from_facts({}, facts), height)
+    if probes:
+        return in_W.in_frame(_frame(probes))
+    return in_W.in_frame(require_pose("X_WE", facts.get("X_WE", np.eye(4))))
+
+
+def _frame(probes: tuple[LoggedProbe, ...] | None) -> FloatArray:
+    """Return the pose (4, 4) of the frame of the contacts after the probes, in W."""
+    believed = probes[-1].observation.belief if probes else None
+    return np.eye(4) if believed is None else believed.X_WE
 
 
 def _unfinished(

@@ -54,6 +54,7 @@ def build_report(
         "grasps": _grasp_facts(last),
         "attempts": [_attempt_facts(attempt) for attempt in attempts],
         "lift": lift_facts(last.outcome, mass=scenario.truth.mass),
+        **world_facts(attempts),
     }
 
 
@@ -120,6 +121,7 @@ def _grasp_facts(attempt: Attempt) -> dict[str, Any]:
         "number": len(search.grasps),
         "candidates": search.candidates,
         "rejections": dict(search.rejections),
+        **({"hit_bodies": dict(search.hit_bodies)} if search.hit_bodies else {}),
         "best_epsilon_estimate": None,
         "best_epsilon_truth": None,
     }
@@ -144,6 +146,33 @@ def _attempt_facts(attempt: Attempt) -> dict[str, Any]:
         **({} if attempt.lesson is None else {"lesson": asdict(attempt.lesson)}),
         **({} if outcome is None else _use_facts(outcome)),
     }
+
+
+def world_facts(attempts: Sequence[Attempt]) -> dict[str, Any]:
+    """Return what touches and lifts did to the bodies beside the object; nothing without bodies.
+
+    By name: `contacts` of touches, `forces`, the largest [N], and `moved`, how far free bodies
+    moved, all together [mm].
+    """
+    truth = attempts[-1].scenario.truth  # before the last grasp
+    if not len(truth.surroundings):
+        return {}
+    touch = {
+        "forces": dict(sorted(truth.disturbance.forces.items())),
+        "contacts": dict(sorted(truth.disturbance.contacts.items())),
+        "moved": {name: 1e3 * moved for name, moved in sorted(truth.pushed.items())},
+    }
+    forces: dict[str, float] = {}
+    moved: dict[str, float] = {}
+    for attempt in attempts:
+        outcome = attempt.outcome
+        for name, force in ({} if outcome is None else outcome.forces).items():
+            forces[name] = max(force, forces.get(name, 0.0))
+        for body in attempt.scenario.truth.surroundings.free:
+            after = None if outcome is None else outcome.X_EB.get(body.name)
+            distance = 0.0 if after is None else 1e3 * body.displacement(after)
+            moved[body.name] = moved.get(body.name, 0.0) + distance
+    return {"world": {"touch": touch, "lift": {"forces": forces, "moved": moved}}}
 
 
 def _use_facts(outcome: LiftOutcome) -> dict[str, Any]:
@@ -175,6 +204,7 @@ def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
         "simulated_seconds": outcome.duration,
         "weighed": outcome.weighed,
         "grip_margin": outcome.grip_margin,
+        **({"forces": dict(outcome.forces)} if outcome.forces else {}),
         **_use_facts(outcome),
     }
 

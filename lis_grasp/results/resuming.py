@@ -17,6 +17,7 @@ from lis_grasp.robots.shipped_models import HAND_REGISTRY, hand_path
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES
 from lis_grasp.task.task import LIFTING, Task
+from lis_grasp.world.files import file_of
 
 # An exploration runs this module and those that it imports. The values of a task are separate
 # facts.
@@ -72,8 +73,8 @@ def exploration_content(task: Task) -> dict[str, str]:
 def _files(task: Task) -> dict[str, Path]:
     """Return the files that an exploration depends on, by the fact that names them."""
     hand, facts = task.robot.hand, task.facts()
-    named = {name: facts[name] for name in ("object", "cloud", "arm")}
-    files = {name: Path(file) for name, file in named.items() if file and Path(file).is_file()}
+    named = {name: file_of(facts.get(name) or "") for name in ("object", "cloud", "arm", "world")}
+    files = {name: file for name, file in named.items() if file.is_file()}
     files["hand"] = hand_path(hand)
     plugged = {
         "estimator": ESTIMATOR_NAMES.source_file(facts["estimator"]),

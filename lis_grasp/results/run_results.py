@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -12,11 +13,12 @@ from typing import Any
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io.schemas import FileRecord, read_json
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import Motion
+from lis_grasp.results.folder import PAGE, PICTURE
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, find, placed_as_recorded
 from lis_grasp.stages.estimate import Perception, SurfaceEstimate
@@ -60,13 +62,34 @@ class Run:
         return f"Run('{self.folder}', {self.contacts}, {planned} grasps, {outcome})"
 
     def _repr_html_(self) -> str:
-        """Return the page of the run in a frame, which a notebook displays; else its text."""
-        from lis_grasp.visualization.scene import framed
+        """Return a small picture, which a notebook displays and a click unfolds to the page."""
+        from lis_grasp.visualization.notebook import framed, image
 
-        page = self.folder / "scene.html"
+        text, page = f"<code>{escape(repr(self))}</code>", self.folder / PAGE
+        picture = self.png()
+        if picture is not None:
+            text = f"{image(picture)}<br/>{text}"
         if not page.is_file():
-            return f"<code>{escape(repr(self))}</code>"
-        return framed(page.read_text(encoding="utf-8"), str(self.folder))
+            return f"<div>{text}</div>"
+        frame = framed(page.read_text(encoding="utf-8"), str(self.folder))
+        return f"<details><summary>{text}</summary>{frame}</details>"
+
+    def png(self) -> bytes | None:
+        """Return a small picture of estimate, contacts and best grasp; None without any."""
+        from lis_grasp.visualization.still import Still
+
+        path = self.folder / PICTURE
+        if path.is_file():
+            return path.read_bytes()
+        if self.mesh is None and not self.contacts:
+            return None
+        still = Still(solid=self.mesh, contacts=self.contacts or Contacts.empty())
+        if self.grasps:
+            with suppress(LisGraspError):  # the hand is of another machine
+                return replace(still, hand=self.hand, grasp=self.grasps[0]).png()
+        return still.png()
+
+    _repr_png_ = png
 
     @classmethod
     def load(cls, folder: Path | str) -> Run:

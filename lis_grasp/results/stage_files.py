@@ -33,7 +33,7 @@ NOISE = ("position_noise", "normal_noise")
 OF_CONTACTS = ("turned", "left_out", "doubt_log_odds", "warnings")
 """Facts in the headers of surfaces about doubtful contacts, if there are any."""
 
-PLANNED_WITH = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "world", "seed")
+PLANNED_WITH = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "world", "at", "seed")
 """Options that grasp planning depends on."""
 
 

@@ -100,11 +100,23 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
         lifted = "lifted, but not held" if lift["lifted"] else "not held"
         no_grasp = lift["reason"] == "no_grasp"
         why = LIFT_REASONS.get(lift["reason"], lift["reason"])  # a later version's as is
-        why = no_grasp_sentence(grasps["rejections"]) if no_grasp else why
+        why = no_grasp_sentence(grasps["rejections"], grasps.get("hit_bodies")) if no_grasp else why
         lines.append(f"{lifted}: {why}")
+    lines += _world_lines(report)
     if "arm" in report:
         lines.append(_arm_line(report))
     return tuple(lines)
+
+
+def _world_lines(report: Mapping[str, Any]) -> list[str]:
+    """Return which bodies beside the object the lifts pushed, and how far, if any."""
+    facts = report.get("world", {}).get("lift", {})
+    forces, moved = facts.get("forces", {}), facts.get("moved", {})
+    pushed = []
+    for name, force in forces.items():
+        by = f", moved by {moved[name]:.1f} mm" if name in moved else ""
+        pushed.append(f"{name} with {force:.1f} N{by}")
+    return [f"pushed    {'; '.join(pushed)}"] if pushed else []
 
 
 def headline(report: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
@@ -186,6 +198,8 @@ LIFT_REASONS: Mapping[str, str] = MappingProxyType(
         "torque_limit": "a joint of the arm was at its largest effort for 50 ms: move its base"
         " nearer to the object (`base`), or try a smaller `mass`",
         "arm_collision": "a link of the arm touched something: move its base (`base`)",
+        "hit_body": "the hand, or the object in it, pushed a body beside the object with more than"
+        " 2 N (`world`): try the next grasps (`best` of the lift), or make room",
         "diverged": "the simulation failed: try the next grasps (`best` of the lift)",
     }
 )
@@ -217,16 +231,21 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         " (lis-grasp hand view), and name concave links under convex_parts in the hand's YAML",
         "grasp_hits_support": "a link of the closed hand would be inside the table: the object is"
         " low for this hand",
-        "grasp_hits_obstacle": "a link of the closed hand would hit an obstacle (`obstacles`)",
-        "lift_hits_obstacle": "the hand would hit an obstacle in the straight lift (`obstacles`):"
-        " there must be 10 cm above the hand",
+        "grasp_hits_obstacle": "a link of the closed hand would hit a body beside the object"
+        " (`world`)",
+        "lift_hits_obstacle": "the hand would hit a body in the lift or its shake, from 3 to 20 cm"
+        " high (`world`): there must be room above the hand",
+        "carried_hits_obstacle": "the object in the hand would hit a body in the lift or its shake,"
+        " from 3 to 20 cm high (`world`): there must be room beside and above the object",
+        "retreat_hits_obstacle": "the opened hand that lets go of a lost object would hit a body"
+        " (`world`): there must be 12 cm behind the hand at the height of the lift",
         "grasp_hits_self": "two links of the closed hand would collide",
         "approach_hits_object": "the opened hand would hit the object during the approach: the"
         " object is wide for this hand's opening",
         "approach_hits_support": "the opened hand would hit the table during the approach: the"
         " object is low for this hand",
-        "approach_hits_obstacle": "the opened hand would hit an obstacle during the approach"
-        " (`obstacles`): there must be 12 cm behind the hand",
+        "approach_hits_obstacle": "the opened hand would hit a body during the approach (`world`):"
+        " there must be 12 cm behind the hand",
         "approach_hits_self": "two links of the opened hand would collide",
         "out_of_arm_reach": "the arm does not reach the pose of the hand: move its base, or turn"
         " the hand on the flange (mount in the hand's YAML)",
@@ -237,8 +256,8 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         "arm_hits_object": "a link of the arm would hit the object",
         "arm_hits_table": "a link of the arm, or of the hand that it carries, would hit the table:"
         " put the arm's base higher",
-        "arm_hits_obstacle": "a link of the arm, or of the hand that it carries, would hit an"
-        " obstacle (`obstacles`)",
+        "arm_hits_obstacle": "a link of the arm, or of the hand that it carries, would hit a body"
+        " beside the object (`world`)",
         "arm_hits_self": "a link of the arm would hit another, or the hand",
         "outranked": "other grasps were better",
     }
@@ -257,14 +276,23 @@ def lesson_sentence(lesson: Mapping[str, Any]) -> str:
     return f"{felt} contacts felt; {where}; {probes} probes, {touched} new contacts"
 
 
-def no_grasp_sentence(rejections: Mapping[str, int]) -> str:
-    """Return that no grasp was found, and the commonest reason, with advice."""
+def no_grasp_sentence(
+    rejections: Mapping[str, int], hit_bodies: Mapping[str, int] | None = None
+) -> str:
+    """Return that no grasp was found, and the commonest reason, with advice.
+
+    The body that most candidates would hit is named, if there is one.
+    """
     counts = {reason: count for reason, count in rejections.items() if count}
     if not counts:
         return f"{LIFT_REASONS['no_grasp']}: make more touches (`touches`)"
     most = max(counts, key=lambda reason: counts[reason])
     part = 100.0 * counts[most] / sum(counts.values())
+    in_the_way = ""
+    if hit_bodies:
+        name = max(hit_bodies, key=lambda body: hit_bodies[body])
+        in_the_way = f"; {name} was in the way of {counted(hit_bodies[name], 'candidate')}"
     return (
         f"{LIFT_REASONS['no_grasp']}; of the rejected candidates, {part:.0f} % because"
-        f" {REJECTIONS.get(most, most)}"
+        f" {REJECTIONS.get(most, most)}{in_the_way}"
     )

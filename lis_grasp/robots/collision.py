@@ -25,6 +25,7 @@ class NearestLink:
     distance: float  # between both [m], 0 or less where they touch
     point: FloatArray  # (3,) [m], in O: the object's nearest point
     face: int  # triangle of the object's mesh that the point is on
+    body: str | None = None  # the body beside the object, if the link is nearest to that
 
 
 class HandCollisionChecker:

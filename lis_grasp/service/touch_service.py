@@ -36,6 +36,7 @@ from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.contact_sources import ContactSource
 from lis_grasp.stages.next_touch import NextTouch, ObjectPlace, endless, next_touch_after
 from lis_grasp.stages.touch import make_perception
+from lis_grasp.surfaces.contact_checks import doubt_of_side
 from lis_grasp.typing import FloatArray
 
 _MOST_ROWS, _MOST_GRASPS = 1000, 100  # in a request
@@ -157,9 +158,8 @@ class TouchService:
             if not reports:
                 raise
             return {"ok": False, "error": str(error), "recorded": True, "contacts": len(contacts)}
-        doubt = self.place.doubt(contacts)
         facts = {**self._touch.facts(self.agent.hand), "contacts": len(contacts)}
-        return facts | ({"warning": doubt} if doubt else {})
+        return facts | _warning(self.place.doubt(contacts), doubt_of_side(contacts))
 
     def _outcome(self, request: NextRequest) -> ProbeOutcome:
         points = np.array(request.points, dtype=np.float64).reshape(-1, 3)
@@ -222,7 +222,8 @@ class TouchService:
             contacts.save(temporary, header=provenance.describe(**facts))
         made = estimate_file([ContactSource(path, normals="outward")])
         extents = made.mesh.extents.tolist()
-        return {"file": made.path.name, "contacts": len(contacts), "extents": extents}
+        answer = {"file": made.path.name, "contacts": len(contacts), "extents": extents}
+        return answer | _warning(doubt_of_side(contacts))
 
     def _grasp(self, request: GraspRequest) -> dict[str, Any]:
         options = request.model_dump(include={"grasps", "mass", "friction"})
@@ -234,3 +235,9 @@ class TouchService:
             name, X_FB = request.moveit, self.agent.hand.X_FB
             answer["moveit"] = moveit_grasps(made.search, self.agent.hand, name=name, X_FB=X_FB)
         return answer
+
+
+def _warning(*doubts: str) -> dict[str, str]:
+    """Return the doubts that are not empty as the warning of an answer, if there are any."""
+    told = "; ".join(filter(None, doubts))
+    return {"warning": told} if told else {}

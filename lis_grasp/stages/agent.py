@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
+
+import numpy as np
 
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Region, Workspace
 from lis_grasp.exploration.extent import End, unseen_ends
+from lis_grasp.geometry import require_pose
 from lis_grasp.robots.hand import Hand
 from lis_grasp.stages.configured_arm import make_station
 from lis_grasp.stages.contact_sources import load_cloud
 from lis_grasp.stages.estimate import Perception
 from lis_grasp.stages.load import KnownLoad
-from lis_grasp.stages.surroundings import find_surroundings
+from lis_grasp.stages.surroundings import believed, find_surroundings
 from lis_grasp.task.decide import Decide
 from lis_grasp.task.known import Known
 from lis_grasp.task.robot import Robot
 from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
-from lis_grasp.world import ALONE, Surroundings
+from lis_grasp.world import ALONE, KnownBodies, Surroundings
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)  # no slots: for cached_property
@@ -50,6 +55,7 @@ class Agent:
     may_slide: bool = False  #: whether fingertips may slide along the object
     load: KnownLoad  #: mass and friction of the object
     surroundings: Surroundings = ALONE  #: known bodies beside the object
+    X_WE: FloatArray = field(default_factory=lambda: np.eye(4))  #: (4, 4), in the table's frame W
 
     @classmethod
     def of(
@@ -59,19 +65,22 @@ class Agent:
         *,
         space: Workspace | Region | None = None,
         hand: Hand | None = None,
-        X_EA: FloatArray | None = None,
+        poses: Mapping[str, Any] = MappingProxyType({}),
     ) -> Agent:
         """Return the agent of a task whose object is on a plane at a height [m], in a space.
 
-        `hand` is None for the task's. `X_EA` (4, 4) is the recorded pose of the arm's base in the
-        frame of the contacts; None for the task's.
+        `hand` is None for the task's. Recorded `poses` (4, 4) are ``X_EA`` of the arm's base, else
+        the task's, and ``X_WE`` of the frame of the contacts, else the identity.
 
         Raises `InvalidHandError`, `InvalidArmError` and `InvalidFileError` if a file cannot be
         used.
         """
         robot, known = task.robot, task.known
         hand = Hand.load(robot.hand) if hand is None else hand
-        surroundings = find_surroundings(task)
+        X_WE = poses.get("X_WE")
+        X_WE = np.eye(4) if X_WE is None else require_pose("X_WE", X_WE)
+        true = find_surroundings(task, support_height).in_frame(X_WE)
+        surroundings = believed(true, robot.body_error, task.seed)
         return Agent(
             robot=robot,
             known=known,
@@ -79,13 +88,14 @@ class Agent:
             seed=task.seed,
             hand=hand,
             station=make_station(
-                robot, hand, Table(support_height, surroundings=surroundings), X_EA
+                robot, hand, Table(support_height, surroundings=surroundings), poses.get("X_EA")
             ),
             support_height=support_height,
             on_table=task.on_table,
             may_slide=task.may_slide,
             load=KnownLoad.of(task),
             surroundings=surroundings,
+            X_WE=X_WE,
         ).placed(space)
 
     def placed(self, space: Workspace | Region | None) -> Agent:
@@ -100,6 +110,15 @@ class Agent:
         """The space, which an agent that touches knows."""
         assert self.space is not None
         return self.space
+
+    @property
+    def known_bodies(self) -> KnownBodies | None:
+        """The known bodies beside the object, as an exploration asks about them; None alone."""
+        if not len(self.surroundings):
+            return None
+        return KnownBodies(
+            self.surroundings, error=self.robot.body_error, noise=self.robot.position_noise
+        )
 
     @cached_property
     def perception(self) -> Perception:
@@ -121,7 +140,16 @@ class Agent:
         space = self.space
         return unseen_ends(space.fitted_to(contacts), contacts) if isinstance(space, Region) else ()
 
+    def knowing(self, surroundings: Surroundings) -> Agent:
+        """Return the same with bodies beside the object at other believed places."""
+        station = self.station
+        if station is not None and station.table is not None:
+            table = replace(station.table, surroundings=surroundings)
+            station = replace(station, table=table)
+        return replace(self, station=station, surroundings=surroundings)
+
     def in_frame(self, X_EF: FloatArray) -> Agent:
         """Return the same in a frame F, whose pose in the present frame E is `X_EF` (4, 4)."""
         station = None if self.station is None else self.station.in_frame(X_EF)
-        return replace(self, station=station, surroundings=self.surroundings.in_frame(X_EF))
+        surroundings = self.surroundings.in_frame(X_EF)
+        return replace(self, station=station, surroundings=surroundings, X_WE=self.X_WE @ X_EF)

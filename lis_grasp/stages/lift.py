@@ -11,9 +11,11 @@ import trimesh
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
+from lis_grasp.lifting.planned_lifts import choose_lift
 from lis_grasp.lifting.setup import LiftSetup, plan_arm_lift
 from lis_grasp.shapes import Shape
 from lis_grasp.stages.agent import Agent
+from lis_grasp.stages.plan import highest_lift
 from lis_grasp.stages.scenario import Scenario, lowest_point
 from lis_grasp.stages.worker_pool import worker_pool
 
@@ -45,9 +47,11 @@ def lift_object(
     accept_grasp
         Tactile check before the fingers squeeze, as in `simulate_lift`; None for none.
     estimate
-        The object as known, which an arm avoids; None if nothing is known.
+        The object as known, which an arm avoids, and which is kept off bodies beside it; None if
+        nothing is known.
     options
-        Options of the trial; None for those of `lift_options`.
+        Options of the trial; None for those of `lift_options`, with a height that fits between the
+        bodies beside the object.
 
     Examples
     --------
@@ -57,6 +61,8 @@ def lift_object(
     True
     """
     truth, agent = scenario.truth, scenario.agent
+    if options is None:
+        options = fitting_lift(agent, grasp, estimate, lift_options(agent) or LiftOptions())
     setup = LiftSetup(
         truth.shape.mesh,
         agent.hand,
@@ -64,7 +70,7 @@ def lift_object(
         lowest_point(truth.shape),
         truth.mass,
         truth.friction,
-        options or lift_options(agent) or LiftOptions(),
+        options,
         truth.X_EO,
         surroundings=truth.surroundings,
     )
@@ -109,6 +115,24 @@ def lift_each(
         return
     with worker_pool(min(jobs, len(grasps))) as pool:
         yield from pool.map(simulate, grasps)
+
+
+def fitting_lift(
+    agent: Agent, grasp: Grasp, estimate: trimesh.Trimesh | None, options: LiftOptions
+) -> LiftOptions:
+    """Return options with the first height at which nothing hits a body beside the object."""
+    if estimate is None or not len(agent.surroundings):
+        return options
+    return choose_lift(
+        options,
+        agent.hand,
+        grasp,
+        estimate,
+        agent.surroundings,
+        support_height=agent.support_height,
+        highest=highest_lift(agent),
+        margin=agent.robot.body_error,
+    )
 
 
 def lift_options(agent: Agent) -> LiftOptions | None:

@@ -25,7 +25,8 @@ from lis_grasp.exploration import (
     choose,
 )
 from lis_grasp.exploration.strategy import MOST_BLOCKED, sought_ends
-from lis_grasp.probing.approach_planner import NO_FREE_APPROACH, Approach, ApproachPlanner
+from lis_grasp.probing.approach_planner import Approach
+from lis_grasp.probing.probe_planner import ProbePlanner
 from lis_grasp.robots.hand import Hand
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.touch import exploration_rng, make_perception, make_strategy
@@ -180,6 +181,7 @@ def next_touch(agent: Agent, contacts: Contacts, recorded: Sequence[Observation]
         If no probe can be approached, or the policy has none left.
     """
     perception, strategy = make_perception(agent.perception, contacts), endless(agent)
+    perception = replace(perception, beside=agent.known_bodies)
     state = begin(perception, strategy, recorded)
     return next_touch_after(agent, perception, strategy, state)
 
@@ -197,7 +199,7 @@ def next_touch_after(
 ) -> NextTouch:
     """Return the next touch in a state of an exploration; see `next_touch`."""
     hand, rng, policy = agent.hand, exploration_rng(agent), plain_value(agent.decide.policy)
-    planner = ApproachPlanner(hand, obstacles=agent.surroundings.mesh)
+    planner = ProbePlanner(hand, known=agent.surroundings)
     rng.spawn(len(state.observations) or len(state.prior))  # the generators of earlier probes
     blocked = 0
     while blocked < MOST_BLOCKED:
@@ -205,15 +207,15 @@ def next_touch_after(
         if isinstance(chosen, str) or chosen.obstacles is None:
             break
         probe, so_far = chosen.probe, state.known
-        approach = planner.plan(probe, chosen.obstacles)
-        if approach is not None:
+        approach = planner.approach(probe, chosen.obstacles)
+        if isinstance(approach, Approach):
             distance = deviation = None
             if state.estimated is not None:
                 distance = float(np.linalg.norm(so_far.points - probe.target, axis=1).min())
                 deviation = float(state.estimated.uncertainty(probe.target[None])[0])
             sought = sought_ends(strategy, state)
             return NextTouch(probe, approach, policy, distance, deviation, blocked, sought)
-        outcome = ProbeOutcome(probe, "blocked", reason=NO_FREE_APPROACH)
+        outcome = ProbeOutcome(probe, "blocked", reason=approach)
         state = advance(perception, state, outcome)
         blocked += 1
     raise EstimationError(

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError
-from lis_grasp.grasping.grasps import GraspSearch
+from lis_grasp.grasping.grasps import LIFT, GraspSearch
 from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
+from lis_grasp.lifting.outcome import LiftOptions
+from lis_grasp.lifting.planned_lifts import permitted_lifts
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.estimate import SurfaceEstimate
 from lis_grasp.stages.load import KnownLoad
@@ -37,11 +40,18 @@ def plan_grasps(
         load,
         candidates=candidates,
         station=agent.station,
-        obstacles=agent.surroundings.mesh,
+        surroundings=agent.surroundings,
+        lifts=permitted_lifts(LiftOptions(), highest=highest_lift(agent)),
+        margin=agent.robot.body_error,
     )
     rng = Stream.GRASP.rng(agent.seed)
     height, count = agent.support_height, agent.decide.grasps
     return sampler.sample(mesh, rng=rng, support_height=height, count=count)
+
+
+def highest_lift(agent: Agent) -> float:
+    """Return the largest rise of the wrist [m]; an arm is only checked for the usual one."""
+    return np.inf if agent.station is None else LIFT
 
 
 def closure_probability(agent: Agent, contacts: Contacts) -> float:

@@ -13,6 +13,7 @@ class Stream(IntEnum):
     TOUCH = 1
     GRASP = 2
     PLACE = 3
+    BODIES = 4
 
     def rng(self, seed: int) -> np.random.Generator:
         """Return the generator of the stream for a seed."""

@@ -120,7 +120,7 @@ def grasp_with_tactile_check(
             if outcome.reason not in _NEXT_GRASP or outcome.closed:
                 break
             if outcome.duration > 0.0:
-                scenario = scenario.moved(outcome.X_WO)
+                scenario = scenario.after_lift(outcome)
             yield attempt
         last = attempt.outcome
         is_test = bool(tests) and last is not None and last.reason in _GENTLE
@@ -154,7 +154,7 @@ def _with_ends(scenario: Scenario, contacts: Contacts) -> Scenario:
 
 def _learned(attempt: Attempt, outcome: LiftOutcome) -> tuple[Scenario, Contacts]:
     """Return scenario and contacts after an attempt in which the fingers closed."""
-    felt, scenario = outcome.measured_contacts, attempt.scenario.moved(outcome.X_WO)
+    felt, scenario = outcome.measured_contacts, attempt.scenario.after_lift(outcome)
     felt = replace(felt, free_radii=np.maximum(felt.free_radii - CONTACT_ERROR, 0.0))
     load, agent = scenario.agent.load.of_mesh(attempt.mesh), scenario.agent
     agent = agent.deciding(grasps=max(agent.decide.grasps, _MORE_GRASPS))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,15 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import DEFAULT_REGION, STEP_FRACTION, Exploration, Region, Workspace
+from lis_grasp.exploration.disturbance import Disturbance
 from lis_grasp.geometry import require_pose
+from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import NAMES, STABLE, UPRIGHT, Shape, default_mass, draw_pose, find, placed
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.configured_arm import station_facts
 from lis_grasp.stages.random_streams import Stream
+from lis_grasp.stages.surroundings import believed, find_surroundings, require_apart
 from lis_grasp.task.task import Task
 from lis_grasp.task.world import World
 from lis_grasp.typing import FloatArray
@@ -41,6 +45,9 @@ class Truth:
     #: (4, 4), motion of `shape` by touches and grasps, in the frame E of the contacts
     X_EO: FloatArray
     surroundings: Surroundings = ALONE  #: the bodies beside it, in E
+    disturbance: Disturbance = field(default_factory=Disturbance)  #: of these, by all touches
+    #: how far touches moved any point of each free body beside it [m], at most
+    pushed: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     @cached_property
     def shape_now(self) -> Shape:
@@ -84,14 +91,14 @@ class Scenario:
         hand
             The hand; None for the task's.
         recorded
-            Facts of a results file: its poses ``X_WO``, ``X_EO`` and ``X_EA`` of object, moved
-            object and arm replace the poses given by the task and its seed.
+            Facts of a results file: its poses ``X_WO``, ``X_EO``, ``X_EA`` and ``X_WE`` of object,
+            moved object, arm and frame replace the poses given by the task and its seed.
 
         Raises
         ------
         InvalidOptionError
-            If the object does not fit into its region, or `units` or `up` are given for a built-in
-            shape.
+            If the object does not fit into its region, or touches another body, or `units` or `up`
+            are given for a built-in shape.
         InvalidMeshError, InvalidHandError, InvalidArmError, InvalidFileError
             If a file cannot be used.
         """
@@ -109,21 +116,53 @@ class Scenario:
             support_height,
             space=_prior_space(shape, task),
             hand=hand,
-            X_EA=poses.get("X_EA"),
+            poses=poses,
         )
+        surroundings = agent.surroundings
+        if task.robot.body_error:
+            surroundings = find_surroundings(task, support_height)
+            surroundings = surroundings.in_frame(_pose("X_WE", poses.get("X_WE")))
+        if recorded is None:
+            require_apart(surroundings, shape)
         mass = default_mass(shape.mesh, world.object) if world.mass is None else world.mass
         X_EO = _pose("X_EO", poses.get("X_EO"))
-        return cls(task, Truth(shape, mass, world.friction, X_WO, X_EO, agent.surroundings), agent)
+        return cls(task, Truth(shape, mass, world.friction, X_WO, X_EO, surroundings), agent)
 
-    def after(self, exploration: Exploration, X_EO: FloatArray | None) -> Scenario:
+    def after(
+        self,
+        exploration: Exploration,
+        X_EO: FloatArray | None,
+        disturbance: Disturbance | None = None,
+    ) -> Scenario:
         """Return the scenario after an exploration, in the frame of its contacts.
 
         The frame, and the station in it, moved with the believed object. Touches moved the object
-        to the true pose `X_EO` (4, 4); None if it is fixed.
+        to the true pose `X_EO` (4, 4); None if it is fixed. `disturbance` is what they did to the
+        bodies beside it; None for nothing. The robot believes these where it touched them.
         """
-        belief = exploration.belief
-        after = self if belief is None else self.in_frame(belief.X_WE)
+        belief, known = exploration.belief, self.agent.known_bodies
+        after = self if disturbance is None else self._disturbed(disturbance)
+        touches = [touch for o in exploration.observations for touch in o.beside]
+        if known is not None and touches:
+            corrected = known.corrected(touches).surroundings
+            after = replace(after, agent=after.agent.knowing(corrected))
+        after = after if belief is None else after.in_frame(belief.X_WE)
         return after if X_EO is None else after.moved(X_EO)
+
+    def _disturbed(self, disturbance: Disturbance) -> Scenario:
+        """Return the scenario with the bodies beside the object as touches left them, in E."""
+        truth, pushed = self.truth, dict(self.truth.pushed)
+        surroundings = truth.surroundings.placed(disturbance.poses)
+        for before, now in zip(truth.surroundings, surroundings, strict=True):
+            if not now.is_fixed:
+                pushed[now.name] = pushed.get(now.name, 0.0) + now.displacement(before.X_EB)
+        truth = replace(
+            truth,
+            surroundings=surroundings,
+            disturbance=truth.disturbance.after(disturbance),
+            pushed=MappingProxyType(pushed),
+        )
+        return replace(self, truth=truth)
 
     def in_frame(self, X_EF: FloatArray) -> Scenario:
         """Return the scenario in a frame F of pose `X_EF` (4, 4); the pose of the object stays."""
@@ -135,6 +174,16 @@ class Scenario:
         """Return the scenario with the object at another pose (4, 4) in the frame E."""
         return replace(self, truth=replace(self.truth, X_EO=X_EO))
 
+    def after_lift(self, outcome: LiftOutcome) -> Scenario:
+        """Return the scenario after a lift, which moved the object and bodies beside it.
+
+        The robot looks again where the bodies are.
+        """
+        surroundings = self.truth.surroundings.placed(outcome.X_EB)
+        truth = replace(self.truth, X_EO=outcome.X_WO, surroundings=surroundings)
+        after = replace(self, truth=truth)
+        return looked_at(after) if outcome.X_EB else after
+
     def warnings(self, contacts: Contacts) -> dict[str, list[str]]:
         """Return a warning, as a fact, if ends of the object were not found.
 
@@ -144,14 +193,25 @@ class Scenario:
         return {"warnings": [f"not found: {', '.join(map(str, ends))}"]} if ends else {}
 
     def facts(self) -> dict[str, Any]:
-        """Return the support and the poses of object and arm, as plain values for file headers."""
+        """Return the support and the poses of object, arm and frame, as values for file headers."""
         moved = not np.array_equal(self.truth.X_EO, np.eye(4))
         return {
             "support_height": self.agent.support_height,
             "X_WO": None if self.task.world.pose is None else self.truth.X_WO.tolist(),
             **({"X_EO": self.truth.X_EO.tolist()} if moved else {}),
+            **({"X_WE": self.agent.X_WE.tolist()} if len(self.agent.surroundings) else {}),
             **station_facts(self.agent.station),
         }
+
+
+def looked_at(scenario: Scenario) -> Scenario:
+    """Return a scenario whose agent believes the bodies where they are now, up to its error.
+
+    The error of a body's place is the same as at the start.
+    """
+    agent, bodies = scenario.agent, scenario.truth.surroundings
+    seen = believed(bodies, agent.robot.body_error, agent.seed)
+    return replace(scenario, agent=agent.knowing(seen))
 
 
 def find_object(world: World) -> Shape:

@@ -30,6 +30,7 @@ from lis_grasp.exploration import (
     begin,
     explore_steps,
 )
+from lis_grasp.exploration.disturbance import Disturbance, DisturbingProber
 from lis_grasp.exploration.policy import POLICY_NAMES, PolicyKind, find_policy
 from lis_grasp.exploration.stopping import (
     StopRule,
@@ -82,7 +83,9 @@ def touch_steps(
     """Explore as `touch` does, step by step, as in `explore_steps`."""
     agent = scenario.agent
     perception = make_perception(agent.perception, prior_contacts(agent.cloud_contacts))
-    perception = replace(perception, tracker=make_tracker(scenario, prober))
+    perception = replace(
+        perception, tracker=make_tracker(scenario, prober), beside=agent.known_bodies
+    )
     strategy = replace(make_strategy(agent), stop=stop_rules(agent))
     start = begin(perception, strategy, recorded)
     return explore_steps(prober, perception, strategy, rng=exploration_rng(agent), start=start)
@@ -159,11 +162,15 @@ def make_policy(
 
 
 def make_prober(
-    scenario: Scenario, recorded: Sequence[Observation] = (), arm_use: ArmUse | None = None
+    scenario: Scenario,
+    recorded: Sequence[Observation] = (),
+    arm_use: ArmUse | None = None,
+    disturbance: Disturbance | None = None,
 ) -> Prober:
     """Return the task's prober of the true object, in the frame after recorded observations.
 
-    Simulated touches add their demands on an arm to `arm_use`.
+    Simulated touches add their demands on an arm to `arm_use`. `disturbance` is what the recorded
+    ones did to the bodies beside the object; None for nothing.
     """
     world, truth, agent = scenario.task.world, scenario.truth, scenario.agent
     mesh, sensor = truth.shape.mesh, agent.robot.sensor
@@ -184,6 +191,8 @@ def make_prober(
         )
         if world.is_free:
             prober.place_object(truth.X_EO)
+        if disturbance is not None:
+            prober.place_disturbed(disturbance)
         if recorded and recorded[-1].belief is not None:
             prober.place_frame(recorded[-1].belief.X_WE)
         return prober
@@ -203,6 +212,11 @@ def make_prober(
 def true_pose(prober: Prober) -> FloatArray | None:
     """Return the true pose X_EO (4, 4) of a simulated free object; None if fixed or unknown."""
     return prober.X_EO if isinstance(prober, SimulatedProber) else None
+
+
+def disturbance_by(prober: Prober) -> Disturbance | None:
+    """Return what simulated touches did to the bodies beside the object; None if unknown."""
+    return prober.disturbance if isinstance(prober, DisturbingProber) else None
 
 
 def make_tracker(scenario: Scenario, prober: Prober) -> PoseTracker | None:

@@ -21,6 +21,7 @@ from lis_grasp.exploration.probe_motions import surface_probe
 from lis_grasp.exploration.strategy import PROBES_PER_TOUCH
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.stages.touch import (
+    disturbance_by,
     exploration_rng,
     make_perception,
     make_prober,
@@ -67,7 +68,8 @@ def touch_more(
     again = np.unique(np.linspace(0, len(contacts) - 1, _TOUCHED_AGAIN).round()).astype(int)
     rest = contacts.subset(np.delete(np.arange(len(contacts)), again))
     tracker = PoseTracker(agent.robot.sensor.position_noise)
-    perception = replace(make_perception(agent.perception, rest), tracker=tracker)
+    perception = make_perception(agent.perception, rest)
+    perception = replace(perception, tracker=tracker, beside=agent.known_bodies)
     surface, space = (
         perception.estimate(contacts),
         agent.known_space.grown(contacts).fitted_to(contacts),
@@ -96,7 +98,8 @@ def touch_more(
         if made or probes >= PROBES_PER_TOUCH * (touches if lost else 2 * _MORE_TOUCHES):
             break
     X_EF = np.eye(4) if state.belief is None else state.belief.X_WE
-    scenario, found = scenario.after(state.result, true_pose(prober)), state.known
+    scenario = scenario.after(state.result, true_pose(prober), disturbance_by(prober))
+    found = state.known
     touched = len(found) - (0 if lost else len(contacts))
     distance = float(np.linalg.norm(X_EF[:3, 3]))
     return scenario, found, Lesson(0, touched, probes, distance, lost)

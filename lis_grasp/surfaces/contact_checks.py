@@ -95,7 +95,7 @@ def doubt_of_side(contacts: Contacts) -> str:
         return ""
     return (
         f"{100 * fraction:.0f} % of the contacts are in front of another: if the estimate is inside"
-        " out, give `normals` inward"
+        " out, normals point inward: change their sign (`normals` inward does)"
     )
 
 

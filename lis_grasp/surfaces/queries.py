@@ -47,10 +47,10 @@ class Predicting:
     def predict(self, points: npt.ArrayLike) -> FloatArray: ...
     @overload
     def predict(
-        self, points: npt.ArrayLike, *, return_std: bool
+        self, points: npt.ArrayLike, return_std: bool
     ) -> FloatArray | tuple[FloatArray, FloatArray]: ...
     def predict(
-        self: Any, points: npt.ArrayLike, *, return_std: bool = False
+        self: Any, points: npt.ArrayLike, return_std: bool = False
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Return f at points of shape (..., 3) [m], and with `return_std` its `uncertainty` too.
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pydantic import InstanceOf
+
 from lis_grasp.exploration import DEFAULT_REGION, Region
 from lis_grasp.io.option import option, record_of_options
 from lis_grasp.task.option_groups import TOUCHING
+from lis_grasp.world import Surroundings
 
 
 @record_of_options
@@ -41,10 +44,17 @@ class Known:
         TOUCHING,
         metavar="FILE",
     )
-    world: str | None = option(
+    world: str | InstanceOf[Surroundings] | None = option(
         None,
         "bodies beside the object, which hand, arm and what they carry must not hit, such as a bin,"
-        " a shelf or neighbours: model directives of Drake, one of their models, or a mesh [m],"
-        " in the frame of the table",
+        " a shelf or neighbours: model directives of Drake or one of their models, in the frame of"
+        " the table, or a mesh [m], in that of the touches; FILE#NAME is one scenario of several",
         metavar="FILE",
+    )
+    at: str | None = option(
+        None,
+        "where the table's frame is in the world's: a body or frame, such as bin::inside, or three"
+        " numbers [m]",
+        metavar="PLACE",
+        words="its origin",
     )

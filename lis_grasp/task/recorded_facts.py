@@ -15,6 +15,7 @@ from lis_grasp.io.option import options_of
 from lis_grasp.io.schemas import Count, FileRecord, Number, Pose, Vector, checked
 from lis_grasp.task.task import PARTS, Task, option_kind
 from lis_grasp.typing import FloatArray
+from lis_grasp.world.files import file_of
 
 # Type in a file for each type of a task's options.
 _IN_FILES: dict[Any, Any] = {
@@ -41,7 +42,7 @@ RecordedFacts = create_model(  # type: ignore[call-overload]
     warnings=(list[str] | None, None),
     **dict.fromkeys(("turned", "left_out"), (list[Count] | None, None)),
     doubt_log_odds=(list[Number] | None, None),
-    **dict.fromkeys(("X_WO", "X_EO", "X_EA", "X_FB"), (Pose | None, None)),
+    **dict.fromkeys(("X_WO", "X_WE", "X_EO", "X_EA", "X_FB"), (Pose | None, None)),
     **{
         name: (_in_file(name, hint), None)
         for record in (*PARTS.values(), Task)
@@ -75,8 +76,8 @@ def located(facts: dict[str, Any], folder: Path) -> dict[str, Any]:
     around = (folder.absolute(), *folder.absolute().parents)
     for name in ("object", "cloud", "hand", "arm", "world"):
         path = Path(str(facts.get(name) or ""))  # in a report, it may be of any type
-        if path.suffix and not os.path.exists(path):
-            found = (str(outer / path) for outer in around if os.path.isfile(outer / path))
+        if path.suffix and not os.path.exists(file_of(path)):
+            found = (str(outer / path) for outer in around if os.path.isfile(outer / file_of(path)))
             facts = facts | {name: next(found, facts[name])}
     return facts
 

@@ -118,6 +118,15 @@ class Robot:
         check=RATE,
     )
 
+    body_error: float = option(
+        0.0,
+        "largest error of the known places of bodies beside the object, level: contacts this near"
+        " to a body, and 1 mm more, are the body's",
+        TOUCHING,
+        metavar="METRES",
+        check=NOT_LARGE,
+    )
+
     reports: Literal["normals", "touch"] = option(
         "normals",
         "what the sensor reports of a contact: its normal, or, as a switch does, that there is one",

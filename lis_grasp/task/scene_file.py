@@ -15,6 +15,7 @@ from lis_grasp.io.option import Option, options_of
 from lis_grasp.io.schemas import parse_entry
 from lis_grasp.io.yaml_files import YAML_SUFFIXES, read_yaml
 from lis_grasp.task.task import PARTS, Task, option_default, option_kind, plain_value
+from lis_grasp.world.files import file_of
 
 _PATHS = ("object", "pose", "hand", "arm", "cloud", "world")
 
@@ -62,7 +63,7 @@ def load_scene(path: Path | str) -> Task:
         options |= getattr(scene, part).model_dump(exclude_unset=True)
     for name in _PATHS:
         beside = path.parent / str(options.get(name) or "")
-        if options.get(name) and beside.is_file():
+        if options.get(name) and file_of(beside).is_file():
             options[name] = str(beside)
     return Task.of(**options)
 

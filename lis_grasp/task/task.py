@@ -10,13 +10,14 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 from lis_grasp.contacts import FARTHEST
-from lis_grasp.exceptions import InvalidOptionError, nearest_or_all
+from lis_grasp.exceptions import InvalidOptionError, listed, nearest_or_all
 from lis_grasp.io.option import Option, at_least, checked_value, kind_of, option, options_of, within
 from lis_grasp.shapes import STABLE
 from lis_grasp.task.decide import Decide
 from lis_grasp.task.known import Known
 from lis_grasp.task.robot import REAL_SENSOR, Robot
 from lis_grasp.task.world import World
+from lis_grasp.world import Surroundings
 
 IDEAL_SENSOR: Mapping[str, Any] = MappingProxyType(dict.fromkeys(REAL_SENSOR, 0.0))
 """A sensor without noise."""
@@ -77,6 +78,9 @@ class Task:
         if self.known.region is not None and world.pose is None:
             required = "a pose there, such as 'stable'; there is none"
             yield "pose", f"an object in a region needs {required}"
+        at, bodies = self.known.at, self.known.world
+        if at is not None and not isinstance(bodies, str):
+            yield "at", f"`at` is a place in a file of bodies, `world`; it is {at} without a file"
         if arm is not None and world.simulator != "drake":
             yield "arm", f"an arm is simulated in drake; the simulator is {world.simulator}"
 
@@ -189,9 +193,11 @@ def _usual_task() -> Task:
 
 
 def plain_value(value: Any) -> Any:
-    """Return the value of an option for a file: a tuple as a list, an object by its name."""
+    """Return the value of an option for a file: a tuple as a list, an object by its names."""
     if isinstance(value, tuple):
         return list(value)
+    if isinstance(value, Surroundings):
+        return listed([body.name for body in value])
     return f"{value.__module__}:{value.__qualname__}" if callable(value) else value
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 
 from lis_grasp.contacts import HALF_SPACE, Contacts
-from lis_grasp.exceptions import counted
+from lis_grasp.exceptions import counted, listed
 from lis_grasp.exploration.observations import Maps
 from lis_grasp.geometry import apply_pose, inverse_pose, make_pose, tangent_frame
 from lis_grasp.typing import FloatArray
@@ -20,19 +20,21 @@ from lis_grasp.visualization.colours import ColourScale, round_up
 
 if TYPE_CHECKING:
     from lis_grasp.exploration import LoggedProbe, ProbeOutcome, Region
+    from lis_grasp.world import Surroundings
 
 TRUTH_COLOUR = "#5f86bd"
 CONTACT_COLOUR, NORMAL_COLOUR = "#ff4d4d", "#f2912c"
 BAD_COLOUR = "#8e44ad"
 FREE_COLOUR = "#8fb7d8"
 PLAIN_ESTIMATE_COLOUR = "#2c9a8f"
-OBSTACLE_COLOUR = "#8a6d4b"
+FIXED_COLOUR, LOOSE_COLOUR = "#8a6d4b", "#a0688f"
 TABLE_COLOUR, GRID_COLOUR = "#d2cfc9", "#a9a59d"
 
 # Fractions of the markers' size, chosen by eye at 4 to 20 cm.
 _CONTACT_RADIUS = 0.018
 _NORMAL_LENGTH = 0.15
 _FREE_POINT_RADIUS = 0.007
+_GLASS = 0.25  # opacity of bodies beside the object
 # Size of a doubted contact, in sizes of the ordinary marker that it covers.
 _BAD_SIZE = 1.4
 
@@ -52,13 +54,19 @@ def draw_estimates(
     canvas.layers.append(
         Layer("estimate", "Estimated surface", True, PLAIN_ESTIMATE_COLOUR, "from the contacts")
     )
-    values = surfaces[-1][1].vertex_attributes.get("uncertainty")
-    is_scaled = values is not None and bool(np.isfinite(values).any())
-    scale = ColourScale.of_object(size, values) if is_scaled else None
+    scale = uncertainty_scale(surfaces[-1][1], size)
     for count, mesh in surfaces:
         path = f"{OBJECT_NODE}/estimate/{count}"
         canvas.commands.append(_draw_estimate(path, mesh, scale))
     return scale
+
+
+def uncertainty_scale(mesh: trimesh.Trimesh, size: float) -> ColourScale | None:
+    """Return the colour scale of an object of `size` [m]; None without finite uncertainty."""
+    values = mesh.vertex_attributes.get("uncertainty")
+    if values is None or not np.isfinite(values).any():
+        return None
+    return ColourScale.of_object(size, values)
 
 
 def _draw_estimate(path: str, mesh: trimesh.Trimesh, scale: ColourScale | None) -> bytes:
@@ -76,12 +84,20 @@ def draw_truth(canvas: Canvas, truth: trimesh.Trimesh) -> None:
     canvas.layers.append(Layer("truth", "True object", True, TRUTH_COLOUR, "unknown to the robot"))
 
 
-def draw_surroundings(canvas: Canvas, bodies: trimesh.Trimesh) -> None:
-    """Draw the bodies beside the object as glass."""
-    glass = drawing.material(OBSTACLE_COLOUR, roughness=0.9, opacity=0.35)
-    canvas.commands.append(drawing.draw_mesh(f"{ROOT}/surroundings", bodies, glass))
-    note = "beside the object, not to be hit"
-    canvas.layers.append(Layer("surroundings", "Other bodies", True, OBSTACLE_COLOUR, note))
+def draw_surroundings(canvas: Canvas, surroundings: Surroundings) -> None:
+    """Draw the bodies beside the object as glass, fixed ones and free ones as two layers."""
+    fixed = [body for body in surroundings if body.is_fixed]
+    for layer, title, colour, bodies in (
+        ("surroundings", "Fixed bodies", FIXED_COLOUR, fixed),
+        ("free-bodies", "Free bodies", LOOSE_COLOUR, surroundings.free),
+    ):
+        glass = drawing.material(colour, roughness=0.9, opacity=_GLASS)
+        for k, body in enumerate(bodies):
+            path = f"{ROOT}/{layer}/{k}"
+            canvas.commands.append(drawing.draw_mesh(path, body.mesh, glass))
+        if bodies:
+            names = listed([body.name for body in bodies])
+            canvas.layers.append(Layer(layer, title, True, colour, names))
 
 
 def marker_size(points: FloatArray, least: float) -> float:

@@ -32,7 +32,17 @@ _EXPLAINED = {
     "lift": "the best one lifts the true object and shakes it",
 }
 # Layers in the short legend, which replaces the panel when it is folded.
-_KEYED = ("truth", "contacts", "normals", "bad", "free", "search", "motion", "surroundings")
+_KEYED = (
+    "truth",
+    "contacts",
+    "normals",
+    "bad",
+    "free",
+    "search",
+    "motion",
+    "surroundings",
+    "free-bodies",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,18 +6,51 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
 from lis_grasp.robots.link_bodies import fibonacci_directions
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import BoolArray, FloatArray
 
 ELEVATION = np.deg2rad(24.0)
+
+LIGHT = np.array([-0.35, 0.6, 0.72]) / np.linalg.norm([-0.35, 0.6, 0.72])
+"""Direction to the light of a picture in the view's axes: right, up, towards the eye."""
 
 _DIRECTIONS = 36
 _CELLS = 40
 
 # This many directions find the outline of a scene to within about a percent.
 _OUTWARD = 150
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """An orthographic view of the object frame O, with z upwards on the picture.
+
+    The eye is at `azimuth` about z from +x towards +y [rad], and at `elevation` above the plane
+    z = 0 [rad], below a right angle.
+    """
+
+    azimuth: float
+    elevation: float
+
+    @property
+    def axes(self) -> FloatArray:
+        """Rows: the picture's right, its up, and towards the eye, unit, in O; shape (3, 3)."""
+        return view_axes(self.azimuth, self.elevation)
+
+    def project(self, points: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return places on the picture (..., 2) [m] of points (..., 3), and their depths (...).
+
+        Depth grows towards the eye [m].
+        """
+        seen = np.asarray(points, dtype=np.float64) @ self.axes.T
+        return seen[..., :2], seen[..., 2]
+
+    def faces(self, normals: npt.ArrayLike) -> BoolArray:
+        """Return whether surfaces with outward normals (..., 3) in O face the eye, shape (...)."""
+        return np.asarray(normals) @ self.axes[2] > 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

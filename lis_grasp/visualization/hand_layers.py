@@ -53,16 +53,22 @@ def draw_hand(canvas: Canvas, hand: Hand, station: Station | None = None) -> Non
 
     The links of the station's arm follow.
     """
-    pads = {pad.link for pad in hand.pads}
     for number, link in enumerate(hand.links):
-        colour = PAD_COLOUR if link in pads else PALM_COLOUR if number == 0 else LINK_COLOUR
-        surface = drawing.material(colour, roughness=0.7 if link in pads else 0.45)
+        colour = link_colour(hand, link)
+        surface = drawing.material(colour, roughness=0.7 if colour == PAD_COLOUR else 0.45)
         for part, mesh in enumerate(link_looks(hand, link)):
             path = f"{ROOT}/hand/{number}/{part}"
             canvas.commands.append(drawing.draw_mesh(path, mesh, surface))
     if station is not None:
         draw_arm(canvas, station, first=len(hand.links))
     canvas.layers.append(Layer("hand", "Robot hand", True, LINK_COLOUR))
+
+
+def link_colour(hand: Hand, link: str) -> str:
+    """Return the colour of a link: that of the palm, of links with pads, or of the others."""
+    if any(pad.link == link for pad in hand.pads):
+        return PAD_COLOUR
+    return PALM_COLOUR if link == hand.links[0] else LINK_COLOUR
 
 
 def draw_grasps(canvas: Canvas, grasps: Sequence[Grasp]) -> None:

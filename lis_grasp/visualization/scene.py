@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +18,8 @@ from lis_grasp.typing import FloatArray
 from lis_grasp.visualization._arm_layer import arm_points, draw_pedestal, standing_points
 from lis_grasp.visualization._drawing import Canvas
 from lis_grasp.visualization._object_layers import (
+    PLAIN_ESTIMATE_COLOUR,
+    TRUTH_COLOUR,
     draw_bad_contacts,
     draw_contacts,
     draw_estimates,
@@ -42,6 +43,8 @@ from lis_grasp.visualization.hand_layers import (
     outlines,
     touch_facts,
 )
+from lis_grasp.visualization.notebook import framed
+from lis_grasp.visualization.still import LEAST_SIZE, Still
 from lis_grasp.world import ALONE, Surroundings
 
 if TYPE_CHECKING:
@@ -52,7 +55,6 @@ if TYPE_CHECKING:
 
 
 _SHOWN_GRASPS = 5
-_LEAST_SIZE = 0.01  # [m] of a scene with a single contact
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -62,8 +64,8 @@ class Scene:
     The fragment of the page's address sets the view, such as ``#t=2.5&play=1``: the time [s],
     whether it plays, ``layers`` (a comma-separated list of ``estimate``, ``truth``, ``contacts``,
     ``normals``, ``free``, ``search``, ``motion``, ``hand``, ``grasp-1`` and so on, ``together``,
-    ``lift``), ``azimuth``, ``elevation`` [deg], ``zoom``, and ``panel``: 0 hides the overlay, 1
-    unfolds and ``fold`` folds it.
+    ``lift``, ``surroundings``, ``free-bodies``), ``azimuth``, ``elevation`` [deg], ``zoom``, and
+    ``panel``: 0 hides the overlay, 1 unfolds and ``fold`` folds it.
 
     Parameters
     ----------
@@ -91,7 +93,7 @@ class Scene:
     support_height
         Height of the table in O [m]; None for the lowest point of the object.
     surroundings
-        The bodies beside the object, in O.
+        The bodies beside the object, in O, where they are last.
     region, search
         The region that contained the object, on the table z = 0, and the outcomes of the search up
         to the first contact.
@@ -172,19 +174,17 @@ class Scene:
 
     def html(self) -> str:
         """Return the scene as one self-contained HTML page; equal scenes give equal bytes."""
-        canvas, object_points = Canvas(), self._object_points()
-        size = max(float(np.ptp(object_points, axis=0).max()), _LEAST_SIZE)
+        canvas, object_points, size = Canvas(), self._object_points(), self._size()
         surfaces = list(self.growth)
         if self.estimate is not None:
             surfaces.append((len(self.contacts), self.estimate))
         scale = draw_estimates(canvas, surfaces, size)
         if self.truth is not None:
             draw_truth(canvas, self.truth)
-        if self.surroundings.mesh is not None:
-            draw_surroundings(canvas, self.surroundings.mesh)
-        draw_contacts(canvas, self.contacts, marker_size(object_points, _LEAST_SIZE))
+        draw_surroundings(canvas, self.surroundings)
+        draw_contacts(canvas, self.contacts, marker_size(object_points, LEAST_SIZE))
         bad = self.contacts.subset(list(self.bad_contacts))
-        draw_bad_contacts(canvas, bad, marker_size(object_points, _LEAST_SIZE))
+        draw_bad_contacts(canvas, bad, marker_size(object_points, LEAST_SIZE))
         if self.region is not None:
             draw_search(canvas, self.region, self.search)
         draw_pose_track(canvas, self.moved, object_points.mean(axis=0))
@@ -221,6 +221,22 @@ class Scene:
         )
         return build_page(self.title, canvas, overlay=overlay, content=content)
 
+    def png(self) -> bytes:
+        """Return a small still picture of estimate, contacts and best grasp; truth alone if none.
+
+        It is 640 x 480 pixels on white; equal scenes give equal bytes.
+        """
+        is_known = self.estimate is not None or len(self.contacts) > 0
+        return Still(
+            solid=self.estimate if is_known else self.truth,
+            contacts=self.contacts,
+            bad_contacts=self.bad_contacts,
+            hand=self.hand,
+            grasp=self.grasps[0] if self.grasps else None,
+            size=self._size(),
+            colour=PLAIN_ESTIMATE_COLOUR if is_known else TRUTH_COLOUR,
+        ).png()
+
     def _repr_html_(self) -> str:
         """Return the page in a frame, which a notebook displays without a running kernel."""
         return framed(self.html(), self.title)
@@ -232,6 +248,10 @@ class Scene:
                 return surface_points(mesh)
         return self.contacts.points
 
+    def _size(self) -> float:
+        """Return the object's largest extent [m], by which colours are scaled."""
+        return max(float(np.ptp(self._object_points(), axis=0).max()), LEAST_SIZE)
+
     def _draw_table(self, canvas: Canvas, object_points: FloatArray, drawn: FloatArray) -> float:
         """Draw the table below everything, points (N, 3) [m]; return its grid's spacing [m]."""
         support_height = self.support_height
@@ -240,6 +260,7 @@ class Scene:
         outline = outermost(drawn)
         if self.region is not None:
             outline = np.vstack([outline, self.region.bounds])
+        outline = np.vstack([outline, *(body.mesh.bounds for body in self.surroundings)])
         return draw_table(canvas, object_points, outline, support_height)
 
     def _draw_hand(self, canvas: Canvas, object_points: FloatArray) -> _ShownHand:
@@ -291,11 +312,3 @@ class _ShownHand:
     around: FloatArray = field(default_factory=_no_points)  # of all grasps
     standing: FloatArray = field(default_factory=_no_points)  # of the arm at home
     moved: FloatArray = field(default_factory=_no_points)  # in the lift
-
-
-def framed(page: str, title: str) -> str:
-    """Return a page in a frame, as HTML for a notebook."""
-    return (
-        f'<iframe srcdoc="{escape(page)}" title="{escape(title)}"'
-        ' style="width: 100%; height: 640px; border: 0; border-radius: 8px"></iframe>'
-    )

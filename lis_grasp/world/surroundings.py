@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,6 +16,9 @@ from lis_grasp.robots.robot_model import Inertial, LinkGeometry
 from lis_grasp.shapes.mesh_distance import MeshTree, winding_numbers
 from lis_grasp.shapes.object_mass import USUAL_FRICTION
 from lis_grasp.typing import BoolArray, FloatArray
+
+MOST_BODIES, MOST_TRIANGLES = 50, 200_000
+"""Largest numbers of bodies, and of their triangles, in a world."""
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
@@ -80,32 +83,67 @@ class Body(FrozenArrays):
         mesh: trimesh.Trimesh = self.mesh_B.copy()
         return mesh.apply_transform(self.X_EB)
 
+    def displacement(self, X_EB: FloatArray) -> float:
+        """Return the largest displacement of a point of it from another pose (4, 4) [m]."""
+        vertices = np.asarray(self.mesh_B.vertices)
+        apart = apply_pose(self.X_EB, vertices) - apply_pose(X_EB, vertices)
+        return float(np.linalg.norm(apart, axis=1).max())
+
     def distances(self, points: FloatArray) -> FloatArray:
         """Return the signed distances (P,) of points (P, 3) in E [m], below 0 inside.
 
         An open shape has no inside.
         """
         points_B = apply_pose(inverse_pose(self.X_EB), np.asarray(points, dtype=np.float64))
-        tree, closed = self._queries
-        apart = np.sqrt(tree.nearest(points_B)[0])
-        if not len(closed.faces):
-            return apart
-        inside = winding_numbers(points_B, closed.vertices, closed.faces) > 0.5
-        return np.where(inside, -apart, apart)
+        distances = np.full(len(points_B), np.inf)
+        for geometry, distance in self._queries:
+            inside = apply_pose(inverse_pose(geometry.X_LG), points_B)
+            distances = np.minimum(distances, distance(inside))
+        return distances
 
     @cached_property
-    def _queries(self) -> tuple[MeshTree, trimesh.Trimesh]:
-        """The distance query of its mesh in B, and the closed parts of that mesh."""
-        parts = self.mesh_B.split(only_watertight=True, repair=False)
-        closed = trimesh.util.concatenate(parts) if len(parts) else trimesh.Trimesh()
-        return MeshTree(self.mesh_B), closed
+    def _queries(self) -> list[tuple[LinkGeometry, Callable[[FloatArray], FloatArray]]]:
+        """The signed distance from each of its shapes, in the shape's frame."""
+        return [(geometry, _distance_from(geometry)) for geometry in self.geometries]
+
+
+def _distance_from(geometry: LinkGeometry) -> Callable[[FloatArray], FloatArray]:
+    """Return the signed distance from a shape: of boxes and spheres exact, of others by a mesh."""
+    if geometry.kind == "box":
+        half = 0.5 * np.array(geometry.dimensions)
+        return lambda points: _from_boxes(points, half)
+    if geometry.kind == "sphere":
+        radius = float(geometry.dimensions[0])
+        return lambda points: np.linalg.norm(points, axis=1) - radius
+    parts = geometry.mesh.split(only_watertight=True, repair=False)
+    closed = trimesh.util.concatenate(parts) if len(parts) else trimesh.Trimesh()
+    tree = MeshTree(geometry.mesh)
+
+    def distance(points: FloatArray) -> FloatArray:
+        apart = np.sqrt(tree.nearest(points)[0])
+        if not len(closed.faces):
+            return apart
+        inside = winding_numbers(points, closed.vertices, closed.faces) > 0.5
+        return np.where(inside, -apart, apart)
+
+    return distance
+
+
+def _from_boxes(points: FloatArray, half: FloatArray) -> FloatArray:
+    """Return the signed distances (...) of points (..., 3) in the frames of boxes."""
+    beyond = np.abs(points) - half
+    outside = np.maximum(beyond, 0.0)
+    x, y, z = np.moveaxis(beyond, -1, 0)
+    inside = np.minimum(np.maximum(np.maximum(x, y), z), 0.0)
+    return np.asarray(np.sqrt(np.einsum("...k,...k->...", outside, outside)) + inside)
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class Surroundings:
     """The bodies beside the object, with their poses in the frame E of the contacts.
 
-    Raises `InvalidOptionError` if two bodies have the same name.
+    Raises `InvalidOptionError` if two bodies have the same name, or there are more than
+    `MOST_BODIES` or `MOST_TRIANGLES`.
 
     Examples
     --------
@@ -126,6 +164,14 @@ class Surroundings:
                 f"each body of a world must have a name of its own; two are called"
                 f" {listed(twice)}: rename one",
                 option="world",
+            )
+        triangles = sum(len(g.mesh.faces) for body in self.bodies for g in body.geometries)
+        if len(names) > MOST_BODIES or triangles > MOST_TRIANGLES:
+            raise InvalidOptionError(
+                f"a world must have at most {MOST_BODIES} bodies and {MOST_TRIANGLES} triangles; it"
+                f" has {len(names)} and {triangles}: leave out what is far, or simplify its meshes",
+                option="world",
+                value=max(len(names), triangles),
             )
 
     def __len__(self) -> int:
@@ -164,8 +210,21 @@ class Surroundings:
 
     def distances(self, points: FloatArray) -> FloatArray:
         """Return signed distances (P, B) of points (P, 3) from each body [m], below 0 inside."""
+        if self._boxes is not None:
+            R, places, half = self._boxes
+            return _from_boxes(np.matmul(points - places, R), half).T
         columns = [body.distances(points) for body in self.bodies]
         return np.stack(columns, axis=1) if columns else np.empty((len(points), 0))
+
+    @cached_property
+    def _boxes(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """Rotations (B, 3, 3), places (B, 1, 3) and half sides of bodies that all are one box."""
+        shapes = [body.geometries for body in self.bodies]
+        if not shapes or any(len(of) != 1 or of[0].kind != "box" for of in shapes):
+            return None
+        X = np.array([body.X_EB @ of[0].X_LG for body, of in zip(self.bodies, shapes, strict=True)])
+        half = np.array([0.5 * np.array(of[0].dimensions) for of in shapes])
+        return X[:, :3, :3], X[:, None, :3, 3], half[:, None]
 
     def contain(self, points: FloatArray, *, margin: float = 0.0) -> BoolArray:
         """Return which points (P, 3) are in a body, or within a margin [m] of one, (P,)."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from lis_grasp.cli.progress import Stage, say
+from lis_grasp.cli.progress import Stage, next_step, say
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, require_packages
 from lis_grasp.io.atomic_writing import sole_writer, write_text
 
@@ -182,7 +182,7 @@ def _report(study: Study, rows: list[Row], output: Path, figures: Path | None) -
         stage.result = f"{len(rows)} rows, {len(comparisons)} comparisons"
     say(f"wrote {output}/report.html, rows.csv, and each table as")
     say(f"      {', '.join(table.name for table in tables)} in .csv and .tex")
-    say(f"next: open {output}/report.html in a browser")
+    say(next_step("open {} in a browser", output / "report.html"))
 
 
 def _facts(options: argparse.Namespace) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lis_grasp.cli.progress import Stage, say
+from lis_grasp.cli.progress import Stage, next_step, say
 from lis_grasp.exceptions import (
     EstimationError,
     InvalidFileError,
@@ -144,7 +144,7 @@ def execute(options: argparse.Namespace) -> None:
             stage.result = f"{len(rows)} rows of {state_of(parts)}"
     say(f"wrote {output}/results.md, report.html, numbers.json, configuration.yaml")
     say("      and folders rows, tables, charts")
-    say(f"next: open {output}/report.html in a browser")
+    say(next_step("open {} in a browser", output / "report.html"))
     if failure is not None:
         raise failure
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lis_grasp.cli.progress import Stage, say
+from lis_grasp.cli.progress import Stage, next_step, say
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io.atomic_writing import sole_writer, write_text
 
@@ -90,7 +90,7 @@ def execute(options: argparse.Namespace) -> None:
     write_text(output / "trials.csv", rows_as_csv(rows))
     write_figures(options.figures, pictures)
     say(f"wrote {report}, {output / 'trials.csv'}")
-    say(f"next: open {report} in a browser")
+    say(next_step("open {} in a browser", report))
 
 
 def _estimators(options: argparse.Namespace) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ import shlex
 from pathlib import Path
 from typing import get_args
 
-from lis_grasp.cli.progress import Stage, say
+from lis_grasp.cli.progress import Stage, next_step, say
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.io.atomic_writing import sole_writer
 
@@ -118,7 +118,7 @@ def execute(options: argparse.Namespace) -> None:
     )
     write_figures(options.figures, [chart])
     say(f"wrote {output / 'surfaces.md'}, each table and rows.csv beside it")
-    say(f"next: read {output / 'surfaces.md'}")
+    say(next_step("read {}", output / "surfaces.md"))
 
 
 def _estimators(options: argparse.Namespace) -> tuple[str, ...]:

@@ -15,12 +15,12 @@ from types import MappingProxyType
 from matplotlib.figure import Figure
 
 from lis_grasp.io.yaml_files import read_yaml
+from lis_grasp.visualization.camera import View
 from lis_grasp_studies.figures._convexity import figure_4, figure_5
 from lis_grasp_studies.figures._errors import figure_8, figure_11
 from lis_grasp_studies.figures._objects import bad_contacts, figure_6, figure_7, patch_map
 from lis_grasp_studies.figures._planar import figure_1, figure_2
 from lis_grasp_studies.figures.charts import bars, calibration, curve_panels
-from lis_grasp_studies.figures.painter import View
 from lis_grasp_studies.figures.palette import estimator_colour, estimator_label
 from lis_grasp_studies.figures.static_scene import draw_still
 from lis_grasp_studies.figures.style import png_of

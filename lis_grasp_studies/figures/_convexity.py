@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from lis_grasp.geometry import tangent_frame
 from lis_grasp.surfaces import LocalImplicitSurface
 from lis_grasp.typing import FloatArray
+from lis_grasp.visualization.camera import View
 from lis_grasp_studies.figures import palette, style
 from lis_grasp_studies.figures._solids import KERNEL_WIDTH, LIFT, solid_patches, view_of
 from lis_grasp_studies.figures.painter import (
     Patches,
-    View,
     line_patches,
     paint,
     point_patches,

@@ -16,6 +16,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.typing import FloatArray
+from lis_grasp.visualization.camera import View
 from lis_grasp_studies.figures import palette, style
 from lis_grasp_studies.figures._solids import (
     COLUMNS,
@@ -27,7 +28,6 @@ from lis_grasp_studies.figures._solids import (
     view_on,
 )
 from lis_grasp_studies.figures.painter import (
-    View,
     cut_segments,
     line_patches,
     overlay_lines,

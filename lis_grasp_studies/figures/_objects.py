@@ -16,6 +16,7 @@ from lis_grasp import Contacts, shapes
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.surfaces import PatchImplicitSurface
 from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.visualization.camera import View
 from lis_grasp_studies.figures import palette
 from lis_grasp_studies.figures._solids import (
     LIFT,
@@ -29,7 +30,6 @@ from lis_grasp_studies.figures._solids import (
     view_on,
 )
 from lis_grasp_studies.figures.painter import (
-    View,
     frame_of,
     mesh_patches,
     overlay_lines,

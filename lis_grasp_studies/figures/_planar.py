@@ -21,6 +21,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces import ImplicitSurface, LocalImplicitSurface
 from lis_grasp.surfaces.local_implicit_surface import Beta
 from lis_grasp.typing import FloatArray
+from lis_grasp.visualization.camera import View
 from lis_grasp_studies.figures import palette, style
 from lis_grasp_studies.figures._solids import (
     COLUMNS,
@@ -30,7 +31,7 @@ from lis_grasp_studies.figures._solids import (
     estimated_mesh,
     solid_patches,
 )
-from lis_grasp_studies.figures.painter import View, frame_of, paint
+from lis_grasp_studies.figures.painter import frame_of, paint
 
 _NODES = 301  # of the grid along its longer side
 

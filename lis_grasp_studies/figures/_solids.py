@@ -10,10 +10,10 @@ from scipy.spatial import cKDTree
 from lis_grasp.contacts import Contacts
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.visualization.camera import View
 from lis_grasp_studies.estimators import Noise, compared_estimator
 from lis_grasp_studies.figures.painter import (
     Patches,
-    View,
     cut_triangles,
     edge_patches,
     line_patches,

@@ -18,45 +18,13 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
 from lis_grasp.shapes import SHARP_ANGLE
-from lis_grasp.typing import BoolArray, FloatArray, IndexArray
-from lis_grasp.visualization.camera import view_axes
+from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.visualization.camera import LIGHT, View
 from lis_grasp_studies.figures.palette import rgba
-
-# Direction to the light in the view's axes: right, up, towards the eye.
-_LIGHT = np.array([-0.35, 0.6, 0.72]) / np.linalg.norm([-0.35, 0.6, 0.72])
 
 # Width [pt] of a patch's outline in its own colour: it closes the hairline gaps between patches.
 _SEAM = 0.8
 _DISC = 2.0 * np.pi * np.arange(16) / 16
-
-
-@dataclass(frozen=True, slots=True)
-class View:
-    """An orthographic view of the object frame O, with z upwards on the picture.
-
-    The eye is at `azimuth` about z from +x towards +y [rad], and at `elevation` above the plane
-    z = 0 [rad], below a right angle.
-    """
-
-    azimuth: float
-    elevation: float
-
-    @property
-    def axes(self) -> FloatArray:
-        """Rows: the picture's right, its up, and towards the eye, unit, in O; shape (3, 3)."""
-        return view_axes(self.azimuth, self.elevation)
-
-    def project(self, points: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return places on the picture (..., 2) [m] of points (..., 3), and their depths (...).
-
-        Depth grows towards the eye [m].
-        """
-        seen = np.asarray(points, dtype=np.float64) @ self.axes.T
-        return seen[..., :2], seen[..., 2]
-
-    def faces(self, normals: npt.ArrayLike) -> BoolArray:
-        """Return whether surfaces with outward normals (..., 3) in O face the eye, shape (...)."""
-        return np.asarray(normals) @ self.axes[2] > 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +66,7 @@ def triangle_patches(
     `darkest`, from 0 to 1, is what is left of a colour that faces away from the light.
     """
     places, depths = view.project(triangles)
-    lit = 0.5 + 0.5 * normals @ (_LIGHT @ view.axes)  # no step where the light grazes
+    lit = 0.5 + 0.5 * normals @ (LIGHT @ view.axes)  # no step where the light grazes
     shaded = np.array(colours, dtype=np.float64)
     shaded[:, :3] *= (darkest + (1.0 - darkest) * lit)[:, None]
     return Patches(places, depths.mean(axis=1), shaded, _SEAM)

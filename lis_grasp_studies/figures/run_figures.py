@@ -1,104 +1,114 @@
-"""Figures of a run for papers: its growing estimate, its best grasp, as PDF and PNG.
+"""Figure of a run for papers: object, estimate with contacts, and best grasp from two views.
 
-    lis-grasp run mallet --output results/mallet
-    python -m lis_grasp_studies.figures.run_figures results/mallet --figures figures
-
-Each is written 7.16 in and 3.5 in wide, two columns and one of an IEEE page, with type of 8 points.
+Text and colour bar are vectors; the pictures are those of the z-buffer, at the figure's resolution.
 """
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import trimesh
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.provenance import read as read_facts
-from lis_grasp.io.surface_files import load_growth
 from lis_grasp.pipeline import Run
-from lis_grasp.visualization.camera import choose_azimuth, surface_points
-from lis_grasp.visualization.colours import ColourScale
-from lis_grasp_studies.figures._solids import VIEW
-from lis_grasp_studies.figures.painter import View
-from lis_grasp_studies.figures.static_scene import COLOURS, draw_still
-from lis_grasp_studies.figures.style import COLUMN, WIDTH, add_panel, colour_bar, head, new_figure
-from lis_grasp_studies.harness.page import Picture, write_figures
-from lis_grasp_studies.harness.program import exit_code, read_options
+from lis_grasp.results.run_results import SOURCES
+from lis_grasp.visualization.camera import View
+from lis_grasp.visualization.colours import viridis
+from lis_grasp.visualization.still import Still, uncertainty_scale
+from lis_grasp_studies.figures.palette import TRUTH
+from lis_grasp_studies.figures.style import add_panel, colour_bar, head, new_figure
 
-_HIGH, _BAR = 2.0, 0.62  # [in] of panels, and of the colour bar below them
+DOTS_PER_INCH = 400
+"""Of the pictures, which journals ask for."""
+
+# Fractions of a panel's width, and heights [in] of the heads and of the colour bar.
+_TALL, _HEAD, _BAR = 0.75, 0.25, 0.55
+_COLOURS = ListedColormap(viridis(np.linspace(0.0, 1.0, 256)))
 
 
-def run_picture(run: Run) -> Picture:
-    """Return the estimates and the best grasp of a run, two columns and one column wide.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Column:
+    """A column of the figure: its head, its content, and the solid that its window shows."""
 
-    InvalidFileError if the folder has no estimate with its contacts.
+    title: str
+    still: Still
+    framed: Still
+
+
+def run_figure(run: Run, width: float) -> Figure:
+    """Return a figure of a run, `width` wide [in].
+
+    Raises `InvalidFileError` if a file of a stage is missing.
     """
-    if run.mesh is None or run.contacts is None:
-        raise InvalidFileError(
-            f"{run.folder} has no estimate: name the folder of a run", path=run.folder
-        )
-    grown = load_growth(run.folder, read_facts(run.folder / "surface.ply"))
-    stages = [(count, mesh) for count, mesh in grown if count < len(run.contacts)]
-    stages = [*stages, (len(run.contacts), run.mesh)]
-    some = [stages[k] for k in np.unique(np.linspace(0, len(stages) - 1, 3).astype(int))]
-    return Picture.of(
-        "Run",
-        "The estimate after some touches, in the colour of its uncertainty, with the contacts and"
-        " the edges of the true object; and the best grasp.",
-        _drawn(run, some, WIDTH),
-        _drawn(run, some[-1:], COLUMN),
-    )
-
-
-def _drawn(run: Run, stages: Sequence[tuple[int, trimesh.Trimesh]], width: float) -> Figure:
-    assert run.contacts is not None
+    _require_stages(run)
     assert run.mesh is not None
-    best = run.grasps[0] if run.grasps else None
-    number = len(stages) + (best is not None)
-    high = min(_HIGH, width / number)
-    figure = new_figure(high + _BAR + 0.25, width, drawn_width=width)
-    tall = figure.get_figheight()
-    deviations = [mesh.vertex_attributes.get("uncertainty") for _, mesh in stages]
-    known = [values for values in deviations if values is not None]
-    scale = ColourScale.of(np.concatenate(known)) if known else None
-    solid = run.mesh if run.truth is None else run.truth.mesh
-    azimuth = choose_azimuth(surface_points(solid), np.empty((0, 3)))
-    looks: dict[str, Any] = {"truth": run.truth, "scale": scale}
-    front = looks | {"view": View(azimuth, VIEW.elevation)}
-    bottom, size = _BAR / tall, high / tall
-    for k, (count, mesh) in enumerate(stages):
-        axes = add_panel(figure, k / number, bottom, 1.0 / number, size)
-        draw_still(axes, estimate=mesh, contacts=run.contacts[:count], **front)
-        head(axes, f"{count} contacts")
-    if best is not None:
-        axes = add_panel(figure, (number - 1) / number, bottom, 1.0 / number, size)
-        links = run.hand.forward_kinematics(best.X_OH, best.joint_positions)
-        aside = View(np.arctan2(-best.X_OH[1, 3], -best.X_OH[0, 3]) + 0.5, np.radians(20))
-        draw_still(axes, estimate=stages[-1][1], hand=run.hand, links=links, view=aside, **looks)
-        head(axes, "best grasp")
-    if scale is not None:
-        values = 1e3 * np.linspace(scale.low, scale.high, 3)
-        ticks = {float(value): f"{value:.2g}" for value in values}
-        ticks[float(values[-1])] = f"\u2265 {values[-1]:.2g}"  # colours end there
-        place = (0.25, 0.42 / tall, 0.5, 0.08 / tall)
-        colour_bar(figure, place, COLOURS, "standard deviation of the surface [mm]", ticks)
+    columns = [*_columns(run)]
+    wide = width / len(columns)
+    tall = _TALL * wide
+    figure = new_figure(2.0 * tall + _HEAD + _BAR, width, drawn_width=width)
+    height = figure.get_figheight()
+    front = columns[-1].still.best_view()
+    for row, view in enumerate((front, View(front.azimuth + 0.5 * np.pi, front.elevation))):
+        for place, column in enumerate(columns):
+            bottom = (_BAR + (1 - row) * tall) / height
+            axes = add_panel(
+                figure, place / len(columns), bottom, 1.0 / len(columns), tall / height
+            )
+            dots = (round(DOTS_PER_INCH * wide), round(DOTS_PER_INCH * tall))
+            axes.imshow(column.still.draw(column.framed.window(view, dots)), aspect="auto")
+            axes.set_axis_off()
+            if row == 0:
+                head(axes, column.title)
+    _draw_scale(figure, run)
     return figure
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Write the figures; return the exit code."""
-    options = read_options(__doc__, arguments, folder=Path, figures=Path("figures"))
+def _require_stages(run: Run) -> None:
+    missing = [name for name in SOURCES[::-1] if not (run.folder / name).is_file()]
+    if missing:
+        raise InvalidFileError(
+            f"{run.folder} has no {missing[0]}: a figure needs {', '.join(SOURCES[::-1])}, which"
+            " `lis-grasp run` writes",
+            path=run.folder / missing[0],
+        )
 
-    def work() -> None:
-        write_figures(options.figures, [run_picture(Run.load(options.folder))])
 
-    return exit_code("run_figures", work)
+def _columns(run: Run) -> Iterator[_Column]:
+    """Yield the true object, where it is recorded, the estimate, and the grasp, if there is one."""
+    assert run.mesh is not None
+    assert run.contacts is not None
+    solids = [run.mesh] if run.truth is None else [run.mesh, run.truth.mesh]
+    both = Still(solid=trimesh.util.concatenate([_bare(solid) for solid in solids]))
+    if run.truth is not None:
+        yield _Column("object", Still(solid=_bare(run.truth.mesh), colour=TRUTH), both)
+    size = _size(run)
+    title = f"estimate from {len(run.contacts)} contacts"
+    yield _Column(title, Still(solid=run.mesh, contacts=run.contacts, size=size), both)
+    if run.grasps:
+        grasp = Still(solid=run.mesh, hand=run.hand, grasp=run.grasps[0], size=size)
+        yield _Column("best grasp", grasp, grasp)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+def _bare(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+
+
+def _size(run: Run) -> float:
+    assert run.mesh is not None
+    return float((run.mesh if run.truth is None else run.truth.mesh).extents.max())
+
+
+def _draw_scale(figure: Figure, run: Run) -> None:
+    assert run.mesh is not None
+    scale, height = uncertainty_scale(run.mesh, _size(run)), figure.get_figheight()
+    if scale is None:
+        return
+    values = 1e3 * np.linspace(scale.low, scale.high, 3)
+    ticks = {float(value): f"{value:.2g}" for value in values}
+    ticks[float(values[-1])] = f"\u2265 {values[-1]:.2g}"  # colours end there
+    place = (0.3, 0.4 / height, 0.4, 0.08 / height)
+    colour_bar(figure, place, _COLOURS, "standard deviation of the surface [mm]", ticks)

@@ -6,7 +6,6 @@ python -m lis_grasp_studies.figures.run_index results/two
 
 from __future__ import annotations
 
-import base64
 import sys
 from collections.abc import Sequence
 from html import escape
@@ -16,12 +15,12 @@ from urllib.parse import quote
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.pipeline import Run
+from lis_grasp.results.folder import PAGE
 from lis_grasp.results.summary import headline
-from lis_grasp_studies.figures.static_scene import draw_still
-from lis_grasp_studies.figures.style import add_panel, new_figure, png_of
+from lis_grasp.visualization.notebook import image
 from lis_grasp_studies.harness.program import exit_code, read_options
 
-_SIZE = 2.0  # [in] of a picture
+_WIDTH = 220  # [pixels] of a picture
 _HEAD = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Runs</title><style>
 body { font: 14px system-ui, sans-serif; margin: 2rem; color: #20242b; background: #eef0f2;
   display: grid; grid-template-columns: repeat(auto-fill, minmax(220px, 1fr)); gap: 16px; }
@@ -44,15 +43,13 @@ def write_index(folder: Path) -> Path:
 
 
 def _card(run: Run) -> str:
-    figure = new_figure(_SIZE, _SIZE, drawn_width=_SIZE)
-    axes = add_panel(figure, 0.0, 0.0, 1.0, 1.0)
-    draw_still(axes, truth=run.truth, estimate=run.mesh, contacts=run.contacts)
-    picture = base64.b64encode(png_of(figure, dots_per_inch=100)).decode()
+    picture = run.png()
     numbers = headline(run.report or {})
     listed = "".join(f"<dt>{escape(n)}</dt><dd>{escape(what)}</dd>" for n, what in numbers)
     name = escape(run.folder.name)
-    page = f'<a href="{quote(run.folder.name)}/scene.html"><img alt="{name}" src="data:image/png'
-    return f'{page};base64,{picture}"><h2>{name}</h2><dl>{listed}</dl></a>\n'
+    shown = "" if picture is None else image(picture, _WIDTH)
+    page = f'<a href="{quote(run.folder.name)}/{PAGE}">'
+    return f"{page}{shown}<h2>{name}</h2><dl>{listed}</dl></a>\n"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -16,12 +16,12 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
+from lis_grasp.visualization.camera import View
 from lis_grasp.visualization.colours import ColourScale, viridis
 from lis_grasp.visualization.hand_layers import link_looks
 from lis_grasp_studies.figures._solids import VIEW, contact_patches, solid_patches
 from lis_grasp_studies.figures.painter import (
     Patches,
-    View,
     frame_of,
     mesh_patches,
     overlay_lines,

@@ -6,6 +6,7 @@ import io
 from collections.abc import Mapping
 from typing import Any, Literal
 
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, Normalize
@@ -35,20 +36,30 @@ def new_figure(height: float, width: float = WIDTH, *, drawn_width: float = DRAW
     return Figure(figsize=size, dpi=100, facecolor="white")
 
 
+# What matplotlib writes about itself and the time.
+_FACTS = {
+    "png": ("Software",),
+    "pdf": ("CreationDate", "Producer", "Creator"),
+    "svg": ("Date", "Creator"),
+}
+
+
+def file_of(figure: Figure, kind: str, *, dots_per_inch: int) -> bytes:
+    """Return a figure as "png", "pdf" or "svg"; equal figures give equal bytes."""
+    stream, nothing = io.BytesIO(), dict.fromkeys(_FACTS[kind])
+    with rc_context({"svg.hashsalt": "lis_grasp"}):  # names of its parts are random otherwise
+        figure.savefig(stream, format=kind, dpi=dots_per_inch, metadata=nothing)
+    return stream.getvalue()
+
+
 def png_of(figure: Figure, *, dots_per_inch: int = 250) -> bytes:
     """Return a figure as PNG; equal figures give equal bytes."""
-    stream = io.BytesIO()
-    # Without the version of matplotlib, which it writes by default.
-    figure.savefig(stream, format="png", dpi=dots_per_inch, metadata={"Software": None})
-    return stream.getvalue()
+    return file_of(figure, "png", dots_per_inch=dots_per_inch)
 
 
 def pdf_of(figure: Figure) -> bytes:
     """Return a figure as PDF; equal figures give equal bytes."""
-    stream = io.BytesIO()
-    nothing = {"CreationDate": None, "Producer": None, "Creator": None}
-    figure.savefig(stream, format="pdf", metadata=nothing)
-    return stream.getvalue()
+    return file_of(figure, "pdf", dots_per_inch=int(figure.dpi))
 
 
 def add_panel(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:

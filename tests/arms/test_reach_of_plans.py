@@ -67,6 +67,7 @@ def test_probes_of_every_side_are_within_the_arms_reach(station: Station, side: 
     assert checker.free(path, approach.posture.joint_positions).all()
 
 
+@pytest.mark.slow
 def test_a_probe_out_of_the_arms_reach_is_blocked_with_the_reason(
     station: Station, box: trimesh.Trimesh
 ) -> None:

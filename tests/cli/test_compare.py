@@ -118,6 +118,7 @@ def test_a_missing_package_of_the_report_is_found_before_the_first_trial(
     assert not (tmp_path / "rows.jsonl").exists()
 
 
+@pytest.mark.slow
 def test_one_estimator_is_added_and_a_list_replaces_those_of_the_study(tmp_path: Path) -> None:
     results, _ = block_results(tmp_path)
     compared = ["compare", "--report-only", "--output", str(results)]

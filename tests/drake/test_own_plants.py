@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -264,7 +265,10 @@ def test_the_wrist_is_critically_damped_at_every_time_step(time_step: float) -> 
         assert 0.45 - height(plant, hand, simulator) == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize("hand", HAND_NAMES)
+@pytest.mark.parametrize(
+    "hand",
+    [pytest.param(n, marks=pytest.mark.slow if n == "allegro" else ()) for n in HAND_NAMES],
+)
 def test_the_wrist_holds_every_hand_at_the_longest_steps(hand: str) -> None:
     for time_step in (0.007, 0.1):
         plant, added, simulator = floating(hand, time_step)
@@ -376,6 +380,42 @@ def test_what_is_no_plant_or_of_another_is_refused() -> None:
     with pytest.raises(InvalidOptionError) as refused:
         add_hand(plant, "wsg50", parent=other.world_frame())
     assert refused.value.option == "parent"
+
+
+@pytest.mark.parametrize("add", [add_hand, add_object])
+def test_arguments_in_another_order_are_answered_before_any_work(add: Any) -> None:
+    _, plant, _ = plant_of()
+    count = plant.num_bodies()
+    for arguments, option in (
+        (("wsg50", plant), "plant"),
+        ((plant, plant), {add_hand: "hand", add_object: "obj"}[add]),
+        ((plant, None), {add_hand: "hand", add_object: "obj"}[add]),
+        ((plant, "part", "part.stl"), add.__name__),
+        ((plant, "box", Path("part.stl"), 0.3), add.__name__),
+    ):
+        with pytest.raises(InvalidOptionError) as refused:
+            add(*arguments)
+        assert refused.value.option == option
+    assert plant.num_bodies() == count
+    assert next(iter(signature(add).parameters)) == "plant"  # for editors and the reference
+
+
+def test_systems_without_their_hand_name_it() -> None:
+    _, plant, _ = plant_of()
+    hand = add_hand(plant, "wsg50")
+    plant.Finalize()
+    for make in (
+        lambda: TouchSensor(hand, plant),
+        lambda: TouchSensor(plant, "wsg50"),
+        lambda: HapticExplorer(SPACE, hand),
+        lambda: HapticExplorer("wsg50", SPACE),
+        lambda: HapticExplorer(hand, "box"),
+        lambda: GraspPlanner("wsg50"),
+        lambda: SurfaceEstimator(0.1),
+    ):
+        with pytest.raises(InvalidOptionError) as refused:
+            make()
+        assert refused.value.option in ("plant", "hand", "space", "estimator")
 
 
 def test_bodies_frames_and_instances_are_felt_by_index_or_name() -> None:

@@ -96,8 +96,23 @@ class RailedHand:
         return self.sensor.contacts.Eval(self.sensor.GetMyContextFromRoot(root))
 
 
-@pytest.mark.parametrize("mesh", [BOX, TORUS, TUBE], ids=["box", "torus", "tube"])
-@pytest.mark.parametrize("hand", ["allegro", "wsg50", "barrett"])
+_MESHES = {"box": BOX, "torus": TORUS, "tube": TUBE}
+_DEFAULT = {("allegro", "box"), ("wsg50", "torus"), ("barrett", "tube")}
+
+
+@pytest.mark.parametrize(
+    ("hand", "mesh"),
+    [
+        pytest.param(
+            hand,
+            mesh,
+            marks=() if (hand, name) in _DEFAULT else pytest.mark.slow,
+            id=f"{hand}-{name}",
+        )
+        for hand in ("allegro", "wsg50", "barrett")
+        for name, mesh in _MESHES.items()
+    ],
+)
 def test_a_sensor_in_a_users_plant_feels_what_the_prober_feels(
     hand: str, mesh: trimesh.Trimesh
 ) -> None:

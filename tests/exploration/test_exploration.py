@@ -1,7 +1,8 @@
 """Exploration by a finger that is a ray, on exact shapes."""
 
+import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import product
 
@@ -36,6 +37,7 @@ from lis_grasp.exploration.workspace import sample_zero_level_set
 from lis_grasp.robots.link_bodies import fibonacci_directions
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
+from lis_grasp.surfaces.contact_checks import doubt_of_side
 
 
 @dataclass
@@ -98,6 +100,30 @@ def explored(
         rng=np.random.default_rng(seed),
     )
     return shape, exploration
+
+
+class InwardProber(RayProber):
+    """A prober whose normals have the wrong sign."""
+
+    def probe(self, probe: Probe, obstacles: object = None) -> ProbeOutcome:
+        outcome = super().probe(probe)
+        touched = replace(outcome.contacts, normals=-outcome.contacts.normals)
+        return replace(outcome, contacts=touched)
+
+
+@pytest.mark.parametrize("kind", [RayProber, InwardProber])
+def test_normals_of_a_prober_that_point_inward_are_warned_of_once(kind: type[RayProber]) -> None:
+    shape = shapes.build("box")
+    perception = TactilePerception(ESTIMATORS["gpis"])
+    strategy = ExplorationStrategy(policy_for(shape), 12)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        exploration = explore(kind(shape.mesh), perception, strategy)
+    # The words of an estimate, at the first contacts that show it.
+    counts = range(2, len(exploration.contacts) + 1)
+    words = [doubt for n in counts if (doubt := doubt_of_side(exploration.contacts[:n]))]
+    assert [str(w.message) for w in told] == words[:1]
+    assert bool(words) == (kind is InwardProber)
 
 
 def coverage(shape: Shape, contacts: Contacts) -> float:

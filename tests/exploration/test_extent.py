@@ -62,7 +62,10 @@ def bar_on_table() -> trimesh.Trimesh:
     return bar.apply_translation([0.0, 0.0, 0.015])
 
 
-@pytest.mark.parametrize("yaw", [0.0, 0.6, 2.1])
+@pytest.mark.parametrize(
+    "yaw",
+    [pytest.param(0.0, marks=pytest.mark.slow), 0.6, pytest.param(2.1, marks=pytest.mark.slow)],
+)
 def test_both_ends_of_a_bar_are_touched_first(yaw: float) -> None:
     bar = bar_on_table()
     turn = trimesh.transformations.rotation_matrix(yaw, UP)

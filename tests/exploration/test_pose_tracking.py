@@ -67,6 +67,7 @@ def on_five_contacts(state: ExplorationState) -> ExplorationState:
     return replace(state, contacts=five, estimated=None)
 
 
+@pytest.mark.slow
 def test_variances_are_those_of_displaced_points() -> None:
     rng = np.random.default_rng(0)
     root = 1e-3 * rng.normal(size=(3, 3))

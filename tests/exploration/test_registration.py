@@ -51,10 +51,20 @@ def _misplaced(name: str, touched: float, seed: int, counts: range) -> list[floa
     return off
 
 
-@pytest.mark.parametrize(("name", "least"), [("box", 12), ("cylinder", 12), ("half_cylinder", 6)])
-def test_an_object_somewhere_else_is_found_on_its_map(name: str, least: int) -> None:
-    off = np.concatenate([_misplaced(name, -1.1, seed, range(6, 13)) for seed in range(4)])
-    assert np.isfinite(off).sum() >= least  # of 28; a turn that leaves the surface is none
+@pytest.mark.parametrize(
+    ("name", "seeds", "least"),
+    [
+        ("box", 1, 3),
+        *(
+            pytest.param(name, 4, least, marks=pytest.mark.slow)
+            for name, least in (("box", 12), ("cylinder", 12), ("half_cylinder", 6))
+        ),
+    ],
+)
+def test_an_object_somewhere_else_is_found_on_its_map(name: str, seeds: int, least: int) -> None:
+    off = np.concatenate([_misplaced(name, -1.1, seed, range(6, 13)) for seed in range(seeds)])
+    # Of 7 a seed; a turn that leaves the surface is none.
+    assert np.isfinite(off).sum() >= least
     assert np.nanmax(off) < CONTACT_ERROR
 
 

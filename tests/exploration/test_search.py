@@ -95,7 +95,9 @@ def test_a_blocked_motion_is_not_repeated() -> None:
         outcomes.append(ProbeOutcome(probe, "blocked", reason="no approach"))
 
 
-@pytest.mark.parametrize("radius", [0.015, 0.03, 0.05])
+@pytest.mark.parametrize(
+    "radius", [0.015, *(pytest.param(r, marks=pytest.mark.slow) for r in (0.03, 0.05))]
+)
 def test_a_ball_is_found_anywhere(radius: float) -> None:
     rng = np.random.default_rng(3)
     for _ in range(2):

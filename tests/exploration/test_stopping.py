@@ -100,6 +100,7 @@ def test_a_good_grasp_ends_the_exploration_if_two_more_contacts_confirm_it() -> 
     assert not list(predictions)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lost_at", [None, 9])
 def test_a_resumed_exploration_ends_at_the_same_prediction(lost_at: int | None) -> None:
     class Line:
@@ -157,6 +158,7 @@ def test_a_resumed_exploration_ends_at_the_same_prediction(lost_at: int | None) 
         assert again <= predictions  # what decided nothing is not predicted again
 
 
+@pytest.mark.slow
 def test_an_estimate_that_cannot_be_meshed_allows_no_grasp() -> None:
     nothing = Analytic(lambda p: np.ones(p.shape[:-1]), cube_bounds(0.06))  # has no inside
     scenario = Scenario.from_config(RunConfig(until_success=0.5), BOX, HAND)

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from lis_grasp.exploration import Exploration, Probe, ProbeOutcome, Prober, TouchLog
 from lis_grasp.exploration.workspace import ObstacleModel
@@ -32,6 +33,7 @@ class Stumbling:
         return replace(outcome, contacts=replace(outcome.contacts, points=raised))
 
 
+@pytest.mark.slow
 def test_a_stray_is_dropped_and_its_place_probed_again(tmp_path: Path) -> None:
     scenario = Scenario.from_config(CONFIG)
     prober = Stumbling(make_prober(scenario), 12, 0.5 * scenario.truth.shape.size)
@@ -47,6 +49,7 @@ def test_a_stray_is_dropped_and_its_place_probed_again(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.contacts.points, found.contacts.points)
 
 
+@pytest.mark.slow
 def test_believing_all_keeps_the_stray() -> None:
     scenario = Scenario.from_config(replace(CONFIG, keep_all=True))
     prober = Stumbling(make_prober(scenario), 12, 0.5 * scenario.truth.shape.size)

@@ -103,6 +103,7 @@ def test_a_resumed_exploration_equals_one_without_interruption(
     assert_same(explored(log), undisturbed)
 
 
+@pytest.mark.slow
 def test_a_long_exploration_estimates_seldom_and_can_be_resumed() -> None:
     shape = shapes.build("box", None)
     made: list[int] = []

@@ -30,7 +30,9 @@ _KINDS: dict[str, tuple[_Check, int]] = {
 }
 
 
-@pytest.mark.parametrize("kind", _KINDS)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(k, marks=pytest.mark.slow if k == "hands" else ()) for k in _KINDS]
+)
 def test_files_of_other_programs_are_right_or_refused(kind: str, tmp_path: Path) -> None:
     check, number = _KINDS[kind]
     counts: Counter[tuple[str, Outcome]] = Counter()

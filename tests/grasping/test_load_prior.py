@@ -57,6 +57,7 @@ def _best(**load: float) -> float:
     return search.grasps[0].quality["success_probability"]
 
 
+@pytest.mark.slow
 def test_heavy_objects_are_predicted_to_be_held_less_often() -> None:
     found = [_best(mass=mass) for mass in (0.2, 10.0)]
     assert found[-1] < 0.1 * found[0]
@@ -81,6 +82,7 @@ def test_unseen_ends_displace_the_centre_of_mass_by_their_standard_deviation() -
     assert next(iter(LoadPrior().centers()))[1] == 1.0
 
 
+@pytest.mark.slow
 def test_a_bar_with_an_unseen_end_is_predicted_to_be_lost_more_often() -> None:
     bar, hand = trimesh.creation.box((0.03, 0.08, 0.03)), Hand.load("allegro")
     seen, unseen = (

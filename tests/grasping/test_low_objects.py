@@ -205,6 +205,7 @@ def test_a_hand_with_thick_fingertips_is_told_that_an_object_is_too_flat() -> No
     assert least_pinched_height(JAW, 0.8) == 0.0
 
 
+@pytest.mark.slow
 def test_a_hand_with_thick_fingertips_takes_its_narrow_pads_for_a_low_object(
     tmp_path: Path,
 ) -> None:

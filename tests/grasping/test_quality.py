@@ -183,6 +183,7 @@ def test_epsilon_is_the_same_in_any_unit_of_length() -> None:
     )
 
 
+@pytest.mark.slow
 def test_epsilon_hardly_changes_when_the_grasp_is_turned() -> None:
     # Exactly invariant only for round cones: a pyramid of 32 edges is within 1/cos(pi/32), half a
     # per cent, of its cone.

@@ -128,9 +128,8 @@ def _in_base(recording: Recording) -> Recording:
     return replace(recording, forces=turned)
 
 
-def test_forces_that_agree_with_the_motions_in_another_frame_are_asked_for(
-    recording: Recording, tmp_path: Path
-) -> None:
+def test_forces_that_agree_with_the_motions_in_another_frame_are_asked_for(tmp_path: Path) -> None:
+    recording = record(touches=12)
     log = open_log(write_csv(_in_base(recording), tmp_path / "log.csv"))
     with pytest.raises(InvalidInputError):
         contacts_from_log(log, [Finger()], OBJECT, TOUCH)

@@ -370,7 +370,7 @@ def test_the_list_shows_topics_and_frames(
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     count = len(recording.times)
     assert ["force", str(count), "/wrench", "(geometry_msgs/WrenchStamped)"] in lines
-    assert ["pose", str(count // 2 + 12), "/tip_pose", "(geometry_msgs/PoseStamped)"] in lines
+    assert ["pose", str(count // 2 + 6), "/tip_pose", "(geometry_msgs/PoseStamped)"] in lines
     assert lines[-1] == ["frames:", "none"]
 
 

@@ -64,6 +64,7 @@ def test_the_normal_is_uncertain_at_an_edge_and_sure_beside_it() -> None:
     assert sparse.normal_noise.max() < 1e-6  # on the faces
 
 
+@pytest.mark.slow
 def test_the_noise_of_contacts_is_that_of_the_heights() -> None:
     rng, noise = np.random.default_rng(2), 1e-5
     flat = 1e-3 + 0.3 * X + noise * rng.normal(size=(4, *X.shape))

@@ -240,7 +240,9 @@ def test_a_larger_object_makes_a_larger_mesh() -> None:
     np.testing.assert_array_equal(4.0 * small.vertices, large.vertices)
 
 
-@pytest.mark.parametrize("name", list(ESTIMATORS))
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow if n == "lis" else ()) for n in ESTIMATORS]
+)
 def test_an_estimate_becomes_a_mesh_through_its_contacts(name: str) -> None:
     axes = np.vstack([np.eye(3), -np.eye(3)])
     diagonals = np.array(list(product((-1.0, 1.0), repeat=3))) / np.sqrt(3.0)

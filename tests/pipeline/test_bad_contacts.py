@@ -82,7 +82,7 @@ def test_all_contacts_are_believed_on_request(touches: Path) -> None:
     assert "left_out" not in read_facts(made.path)
 
 
-@pytest.mark.parametrize("copies", [1, 4])
+@pytest.mark.parametrize("copies", [pytest.param(1, marks=pytest.mark.slow), 4])
 def test_few_places_are_warned_of_by_grasps_too(tmp_path: Path, copies: int) -> None:
     axes = np.vstack([np.eye(3), -np.eye(3)] * copies)
     Contacts(0.03 * axes, axes).save(tmp_path / "six.csv")
@@ -98,7 +98,7 @@ def test_few_places_are_warned_of_by_grasps_too(tmp_path: Path, copies: int) -> 
         (None, "no table is known"),
         (0.0, "reaches 20 mm below the table, z = 0 m"),
         (-0.02, ""),
-        (-0.03, ""),
+        pytest.param(-0.03, "", marks=pytest.mark.slow),
     ],
 )
 def test_a_table_that_is_unknown_or_inside_the_mesh_is_warned_of(
@@ -112,6 +112,7 @@ def test_a_table_that_is_unknown_or_inside_the_mesh_is_warned_of(
     assert all(warning in line for line in warnings)
 
 
+@pytest.mark.slow
 def test_half_flipped_normals_are_refused_oriented_or_believed_on_request(
     touches: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

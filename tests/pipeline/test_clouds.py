@@ -95,6 +95,7 @@ def test_one_kind_of_noise_leaves_the_other_to_be_estimated(tmp_path: Path) -> N
     assert np.sqrt(np.mean(apart**2)) < 0.001
 
 
+@pytest.mark.slow
 def test_a_cloud_and_touches_are_estimated_together(tmp_path: Path) -> None:
     box_cloud(600, top=True).save(tmp_path / "cloud.ply")
     touches = box_cloud(80, top=False, noise=0.0)

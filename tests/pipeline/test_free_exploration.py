@@ -68,6 +68,7 @@ def test_a_lie_about_the_true_pose_changes_no_contact(
     np.testing.assert_array_equal(exploration.contacts.normals, whole[0].contacts.normals)
 
 
+@pytest.mark.slow
 def test_an_ended_exploration_is_not_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

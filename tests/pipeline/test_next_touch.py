@@ -46,7 +46,7 @@ def test_the_hand_is_at_the_start_of_the_probe(name: str, explored: Exploration)
     assert again.facts(hand) == found.facts(hand)
 
 
-@pytest.mark.parametrize("policy", ["spread", "random"])
+@pytest.mark.parametrize("policy", ["spread", pytest.param("random", marks=pytest.mark.slow)])
 def test_the_next_touch_is_that_of_the_exploration(policy: str) -> None:
     placed = {"pose": "stable", "region": (0.3, 0.3, 0.3), "policy": policy, "seed": 1}
     config = pipeline.RunConfig("box", prober="kinematic", estimator="gpis", touches=12, **placed)
@@ -206,7 +206,7 @@ def test_without_a_table_the_hand_stays_above_the_lowest_contact(
     assert "no table" not in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("name", ["allegro", "wsg50"])
+@pytest.mark.parametrize("name", [pytest.param("allegro", marks=pytest.mark.slow), "wsg50"])
 def test_the_hand_keeps_off_obstacles_on_its_approach_and_motion(
     name: str, explored: Exploration, tmp_path: Path
 ) -> None:
@@ -217,7 +217,7 @@ def test_the_hand_keeps_off_obstacles_on_its_approach_and_motion(
     wall.apply_translation([face - 0.005, 0.0, 0.0])
     wall.export(tmp_path / "wall.stl")
     space, hits = ObjectPlace(held=True).space(contacts), 0
-    for seed in range(6):
+    for seed in range(3):
         for obstacles in (None, str(tmp_path / "wall.stl")):
             config = pipeline.RunConfig(policy="random", seed=seed, obstacles=obstacles)
             found = next_touch(Agent.of(config, 0.0, space=space, hand=hand), contacts)

@@ -26,7 +26,7 @@ from lis_grasp.task.recorded_facts import read_facts
 EXPLORE = ["explore", "box", "--known", "--prober", "kinematic", "--hand", "wsg50"]
 EXPLORE += ["--touches", "6"]
 AXES = np.vstack([np.eye(3), -np.eye(3)])
-LATER = ("grasps.isaac.yaml", "motion.npz", "lifts.json", "report.json", "scene.html")
+LATER = ("grasps.isaac.yaml", "motion.npz", "lifts.json", "report.json", "scene.html", "scene.png")
 
 
 def files(folder: Path) -> dict[Path, bytes]:
@@ -46,10 +46,17 @@ def folder(explored: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(explored, tmp_path / "results"))
 
 
-@pytest.fixture
-def full_folder(folder: Path) -> Path:
-    """Return a folder with the files of all stages, placeholders for those of the later ones."""
+@pytest.fixture(scope="module")
+def estimated(explored: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = Path(shutil.copytree(explored, tmp_path_factory.mktemp("estimated") / "results"))
     assert main(["estimate", str(folder / "contacts.ply")]) == 0
+    return folder
+
+
+@pytest.fixture
+def full_folder(estimated: Path, tmp_path: Path) -> Path:
+    """Return a folder with the files of all stages, placeholders for those of the later ones."""
+    folder = Path(shutil.copytree(estimated, tmp_path / "results"))
     made = {"header": provenance.describe(hand="wsg50")}
     (folder / "grasps.json").write_text(json.dumps(made))
     for name in LATER:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from numpy.testing import assert_array_equal
+from PIL import Image
 from scenes import Told
 
 from lis_grasp import pipeline, shapes
@@ -47,6 +48,8 @@ def test_a_run_reports_its_stages(results: tuple[Run, list[str]]) -> None:
     assert titles[-1] == "Reporting"
     assert run.report["touches"] == 11
     assert (run.folder / "scene.html").exists()
+    with Image.open(run.folder / "scene.png") as picture:
+        assert picture.size == (640, 480)
 
 
 @pytest.mark.slow

@@ -19,6 +19,7 @@ from lis_grasp.pipeline import RunConfig
 from lis_grasp.service.touch_service import TouchService
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.next_touch import ObjectPlace, next_touch
+from lis_grasp.surfaces.contact_checks import doubt_of_side
 
 BOX = shapes.build("box", 0.12).mesh
 PLACE = ObjectPlace(center=(0.0, 0.0, 0.0), size=0.12, support=float(BOX.bounds[0, 2]))
@@ -91,6 +92,17 @@ def test_contacts_that_nobody_asked_for_begin_an_exploration(tmp_path: Path) -> 
     recorded = load_observations(service.log.path)
     unknown = _service(tmp_path, place=ObjectPlace(), recorded=recorded)
     assert "z = 0.0 mm" in unknown.answer({})["warning"]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_normals_that_point_inward_are_told_with_the_answers(tmp_path: Path, sign: float) -> None:
+    service = _service(tmp_path)
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    report = {"points": (0.06 * axes).tolist(), "normals": (sign * axes).tolist()}
+    doubt = doubt_of_side(Contacts(0.06 * axes, sign * axes))
+    assert bool(doubt) == (sign < 0.0)
+    assert service.answer(report).get("warning", "") == doubt
+    assert service.answer({"request": "estimate"}).get("warning", "") == doubt
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
 from lis_grasp.typing import FloatArray
 
 # A ball of 50 g rolls at every touch.
-CONFIG = Task.of("sphere", known=True, hand="wsg50", free=True, mass=0.05, friction=0.5, touches=3)
+CONFIG = Task.of("sphere", known=True, hand="wsg50", free=True, mass=0.05, friction=0.5, touches=2)
 
 
 @dataclass
@@ -159,7 +159,10 @@ def test_the_touch_service_cannot_reach_the_true_object(explored: Explored, tmp_
     assert_without_truth(given, explored.scenario.truth, explored.poses)
 
 
-def test_touches_after_a_grasp_cannot_reach_the_true_object(explored: Explored) -> None:
+def test_touches_after_a_grasp_cannot_reach_the_true_object(
+    explored: Explored, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lis_grasp.stages.touching_again._MORE_TOUCHES", 1)
     watch, contacts = Watch(), explored.states[-1].known
     again = watch.watched(explored.scenario)
     found, contacts, lesson = touch_more(again, contacts, moved=False)

@@ -45,6 +45,7 @@ def test_several_fingers_touch_a_slope_once_each(plate: trimesh.Trimesh) -> None
     assert most >= 3
 
 
+@pytest.mark.slow
 def test_extended_fingers_stop_at_the_surface() -> None:
     shape = shapes.build("mallet", 0.2)
     hand = Hand.load("allegro")

@@ -19,8 +19,12 @@ from lis_grasp.shapes import Shape
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
 from lis_grasp.surfaces import ESTIMATORS
 
+HANDS = ["allegro", "wsg50", "barrett"]
+# By default, what costs a second is done with the hand of the fewest links alone.
+OTHERS_SLOW = [pytest.param(n, marks=() if n == "wsg50" else pytest.mark.slow) for n in HANDS]
 
-@pytest.fixture(scope="module", params=["allegro", "wsg50", "barrett"])
+
+@pytest.fixture(scope="module", params=HANDS)
 def hand(request: pytest.FixtureRequest) -> Hand:
     return Hand.load(request.param)
 
@@ -87,6 +91,7 @@ def test_a_spherical_tip_touches_a_slope_beside_the_target() -> None:
     assert outcome.contacts.points[0, 0] == pytest.approx(-0.5 * radius, abs=5e-5)
 
 
+@pytest.mark.parametrize("hand", OTHERS_SLOW, indirect=True)
 @pytest.mark.parametrize(
     "name",
     ["hollow_cylinder", *(pytest.param(n, marks=pytest.mark.slow) for n in ("cylinder", "mallet"))],
@@ -138,6 +143,7 @@ def prior_knowledge(shape: Shape) -> ObstacleModel:
     return ObstacleModel(space, Contacts.empty(), None)
 
 
+@pytest.mark.parametrize("hand", OTHERS_SLOW, indirect=True)
 @pytest.mark.parametrize("from_outside", [False, True])
 def test_the_whole_hand_is_collision_free_up_to_the_touch(hand: Hand, from_outside: bool) -> None:
     shape = shapes.build("mallet", 0.2)

@@ -9,7 +9,6 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError, LisGraspError
 from lis_grasp.robots._build_model import read_description
-from lis_grasp.robots._description import DescriptionEdits
 from lis_grasp.robots._urdf import parse_xml
 from lis_grasp.robots.draft.pipeline import draft_hand
 from lis_grasp.robots.draft.yaml_text import hand_yaml
@@ -192,7 +191,7 @@ def test_macros_that_cannot_be_expanded_end_in_a_sentence(
 ) -> None:
     pytest.importorskip("xacro")
     if reason == "no end within":
-        monkeypatch.setattr("lis_grasp.robots._urdf._LONGEST", 2.0)
+        monkeypatch.setattr("lis_grasp.robots._xacro._LONGEST", 2.0)
     path = tmp_path / "hand.xacro"
     space = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
     path.write_text(f'<robot name="hand" {space}>{macro}</robot>')

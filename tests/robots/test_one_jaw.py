@@ -48,7 +48,12 @@ def drafted(path: Path) -> Hand:
     return draft_hand(path, name="one_jaw", rng=np.random.default_rng(0)).hand
 
 
-@pytest.mark.parametrize("arm", [False, True])
+@pytest.fixture(scope="module")
+def hand(tmp_path_factory: pytest.TempPathFactory) -> Hand:
+    return drafted(one_jaw(tmp_path_factory.mktemp("hand")))
+
+
+@pytest.mark.parametrize("arm", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_the_pads_are_the_inner_faces_and_the_approach_ends_on_the_fixed_one(
     arm: bool, tmp_path: Path
 ) -> None:
@@ -83,8 +88,7 @@ def test_a_fixed_jaw_off_the_base_is_a_finger_too(
     assert hand.link_fingers == {"base": "base", "jaw": "jaw"}
 
 
-def test_the_hand_holds_widths_at_which_its_jaws_are_about_parallel(tmp_path: Path) -> None:
-    hand = drafted(one_jaw(tmp_path))
+def test_the_hand_holds_widths_at_which_its_jaws_are_about_parallel(hand: Hand) -> None:
     turned = sum(pad.half_angle for pad in hand.pads)  # of the jaw, whose face is parallel at 0.2
     # The centre of the moving pad, about the joint at x = 0.031, z = 0.04.
     radius = np.array([hand.pads[0].center_L[0], hand.pads[0].center_L[2]])
@@ -108,8 +112,7 @@ def test_a_finger_with_nothing_opposite_is_refused_in_words(tmp_path: Path) -> N
     assert error.value.file == "one_jaw.urdf"
 
 
-def test_no_link_is_in_the_object_a_little_off_the_contacts(tmp_path: Path) -> None:
-    hand = drafted(one_jaw(tmp_path))
+def test_no_link_is_in_the_object_a_little_off_the_contacts(hand: Hand) -> None:
     box = shapes.find("box", size=0.06)
     search = plan(box, hand, grasps=3)
     assert len(search) == 3

@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from shutil import copytree, rmtree
 from tempfile import TemporaryDirectory, mkdtemp
@@ -122,9 +123,9 @@ def _check_mesh(surface: ImplicitSurface) -> None:
 
 
 MESH_FORMATS = ("obj", "off", "ply", "stl")
-TESTS: dict[str, Callable[[], Callable[[], None]]] = {
-    **{kind: lambda kind=kind: damaged_file(kind) for kind in READERS},
-    **{f"faults {f}": lambda f=f: damaged_mesh(f) for f in MESH_FORMATS},
-    **{f"contacts {name}": lambda name=name: degenerate_contacts(name) for name in ESTIMATORS},
+TESTS: dict[str, Callable[..., Callable[[], None]]] = {
+    **{kind: partial(damaged_file, kind) for kind in READERS},
+    **{f"faults {f}": partial(damaged_mesh, f) for f in MESH_FORMATS},
+    **{f"contacts {name}": partial(degenerate_contacts, name) for name in ESTIMATORS},
 }
-"""Makers of the tests, by kind."""
+"""Makers of the tests, by kind; `count` is their number of cases."""

@@ -44,6 +44,9 @@ def bytes_of(outcome: ProbeOutcome) -> list[bytes]:
     return [array.tobytes() for array in arrays]
 
 
+@pytest.mark.parametrize(
+    "hand", [pytest.param("allegro", marks=pytest.mark.slow), "wsg50"], indirect=True
+)
 def test_a_ball_is_touched_on_its_surface_with_a_radial_normal(ball_prober: DynamicProber) -> None:
     rng = np.random.default_rng(0)
     distances, angles = [], []
@@ -114,10 +117,8 @@ def test_a_ring_is_entered_and_its_inner_side_touched(hand: Hand) -> None:
     assert np.degrees(np.arccos(normal @ (point - ring_center) / 0.015)) < 5.0
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["mallet", *(pytest.param(n, marks=pytest.mark.slow) for n in ("hollow_cylinder", "torus"))],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["mallet", "hollow_cylinder", "torus"])
 def test_touches_of_objects_that_are_not_convex_keep_their_accuracy(name: str) -> None:
     shape = shapes.build(name)
     prober = DynamicProber(Hand.load("allegro"), shape.mesh)
@@ -241,7 +242,10 @@ def test_an_outcome_does_not_depend_on_earlier_probes(
     assert bytes_of(after.probe(second)) == bytes_of(alone)
 
 
-@pytest.mark.parametrize("finger", ["index", "middle", "ring", "thumb"])
+@pytest.mark.parametrize(
+    "finger",
+    ["thumb", *(pytest.param(n, marks=pytest.mark.slow) for n in ("index", "middle", "ring"))],
+)
 def test_every_finger_of_the_allegro_can_lead(finger: str, coarse_ball: trimesh.Trimesh) -> None:
     hand = Hand.load("allegro")
     alone = replace(hand, probe_postures={finger: hand.probe_postures[finger]})

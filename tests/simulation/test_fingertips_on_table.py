@@ -70,6 +70,7 @@ def test_thick_fingertips_hold_a_slab_at_its_edges_in_small_steps(simulator: str
     assert outcome.turn < np.deg2rad(5.0)
 
 
+@pytest.mark.slow
 def test_fingers_have_the_inertia_of_links_and_motors_in_both_simulators(grasp: Grasp) -> None:
     setup = LiftSetup(STRIP, HAND, grasp, 0.0, 0.1, 0.8)
     drake, mujoco = LiftScene(setup), MujocoScene(setup, convex_pieces(STRIP))
@@ -99,5 +100,6 @@ def _record_forces(scene: LiftScene | MujocoScene) -> list[float]:
     return forces
 
 
+@pytest.mark.slow
 def test_a_grasp_high_above_the_table_needs_no_guarded_descent(grasp: Grasp) -> None:
     assert not LiftSetup(STRIP, HAND, grasp, -0.01).slides_on_table

@@ -59,6 +59,7 @@ def test_a_sliding_object_stays_where_a_touch_leaves_it() -> None:
     assert above.contacts.points[0, 0] > 0.03
 
 
+@pytest.mark.slow
 def test_the_hand_waits_for_the_object_to_rest_where_its_motion_began(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -98,6 +99,7 @@ def test_a_touch_that_topples_the_object_leaves_it_toppled(
     assert where_it_stood.status == "missed"
 
 
+@pytest.mark.slow
 def test_a_light_ball_touched_gently_rolls_by_less_than_six_millimetres() -> None:
     # Rolling resistance stops a ball of speed v after 0.7 v^2 / (0.01 g): 6 mm from 30 mm/s, the
     # hand's speed. 10 ms after a force of 0.05 N on 0.05 kg it has a part of it.

@@ -45,7 +45,7 @@ def heights_after_a_fall(
     return np.array(heights[len(heights) // 2 :])
 
 
-@pytest.mark.parametrize("time_step", [0.002, 0.005])
+@pytest.mark.parametrize("time_step", [pytest.param(0.002, marks=pytest.mark.slow), 0.005])
 @pytest.mark.parametrize(
     ("size", "mass"),
     [([0.2, 0.03, 0.004], 0.065), ([0.1, 0.1, 0.02], 0.05), ([0.06, 0.06, 0.06], 0.2)],

@@ -39,7 +39,9 @@ def values(surface: lg.ImplicitSurface, points: FloatArray) -> FloatArray:
     return np.concatenate([surface.evaluate(points), surface.uncertainty(points)])
 
 
-@pytest.mark.parametrize("estimator", ["blend", "gpis", "lis"])
+@pytest.mark.parametrize(
+    "estimator", ["gpis", *(pytest.param(n, marks=pytest.mark.slow) for n in ("blend", "lis"))]
+)
 def test_every_door_gives_the_same_estimate(
     estimator: str, contacts: lg.Contacts, tmp_path: Path
 ) -> None:

@@ -250,7 +250,7 @@ def test_estimate_prints_the_size(tmp_path: Path, capsys: pytest.CaptureFixture[
 def test_estimate_prints_how_much_of_the_surface_no_contact_is_near(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    directions = trimesh.creation.icosphere(subdivisions=3).vertices
+    directions = trimesh.creation.icosphere(subdivisions=2).vertices
     upper = directions[directions[:, 2] >= 0.0]
     Contacts(0.03 * upper, upper).save(tmp_path / "ball.csv")
     arguments = ["estimate", str(tmp_path / "ball.csv"), "--estimator", "gpis"]

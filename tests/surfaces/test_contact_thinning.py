@@ -93,6 +93,7 @@ def test_thinning_follows_motion_and_scale_and_not_the_order() -> None:
     assert gaps.max() < 1e-12
 
 
+@pytest.mark.slow
 def test_a_gaussian_process_of_a_cloud_is_as_accurate_as_the_noise_allows() -> None:
     touches, noisy = cloud(30, 1e-4, seed=1), cloud(5000, 2e-3, normal_noise=0.2)
     surface = GaussianProcessImplicitSurface.from_contacts(noisy.append(touches))

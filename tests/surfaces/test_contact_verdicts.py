@@ -59,6 +59,7 @@ def extents(contacts: Contacts) -> np.ndarray:
     return 1e3 * mesh.extents
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [[7], [0, 1, 2]])
 def test_a_box_with_flipped_normals_has_its_true_size(rows: list[int]) -> None:
     contacts = touched(BOX, 60)
@@ -73,9 +74,9 @@ def test_a_box_with_flipped_normals_has_its_true_size(rows: list[int]) -> None:
 @pytest.mark.parametrize(
     ("mesh", "count", "fraction", "size"),
     [
-        (BOX, 60, 0.05, [60.0, 50.0, 40.0]),
+        pytest.param(BOX, 60, 0.05, [60.0, 50.0, 40.0], marks=pytest.mark.slow),
         (BOX, 60, 0.2, [60.0, 50.0, 40.0]),
-        (BOX, 400, 0.05, [60.0, 50.0, 40.0]),
+        pytest.param(BOX, 400, 0.05, [60.0, 50.0, 40.0], marks=pytest.mark.slow),
         (CYLINDER, 60, 0.2, [50.0, 50.0, 80.0]),
     ],
 )
@@ -139,9 +140,9 @@ def test_signs_that_one_flat_side_does_not_show_are_not_guessed() -> None:
         ("plate", ContactCase("even", 40)),
         ("hollow_cylinder", ContactCase("even", 40)),
         ("socket", ContactCase("random", 100)),
-        ("screw", ContactCase("clustered", 60)),
+        pytest.param("screw", ContactCase("clustered", 60), marks=pytest.mark.slow),
         ("stairs", ContactCase("half", 30)),
-        ("hook", ContactCase("even", 60, level=2)),
+        pytest.param("hook", ContactCase("even", 60, level=2), marks=pytest.mark.slow),
         ("vase", ContactCase("even", 10)),
     ],
 )
@@ -170,6 +171,7 @@ def test_chords_of_balls_cylinders_and_plates_favour_the_true_signs(surface: str
     np.testing.assert_allclose(np.delete(evidence.pairs()[1][7], 7), -np.delete(chords[7], 7))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("shape", "draw"), [("dish", "even"), ("hook", "random")])
 def test_nearly_any_flipped_normal_beside_thin_walls_is_found(shape: str, draw: str) -> None:
     sheet = contact_set(shape, ContactCase(draw, 40), seed=5).exact

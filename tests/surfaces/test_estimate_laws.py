@@ -78,6 +78,7 @@ def test_every_even_contact_of_a_branched_object_is_a_place(count: int) -> None:
     assert places.spacing == pytest.approx(np.median(gaps[:, 1]), rel=0.25)
 
 
+@pytest.mark.slow
 def test_more_true_contacts_near_others_lower_the_expected_error() -> None:
     ratios = [log_ratio_of_errors(name, "near", seed=0) for name in NAMES]
     assert np.mean(ratios) < 0.0, np.round(ratios, 2)

@@ -133,7 +133,9 @@ def test_uncertainty_is_small_at_contacts_and_larger_between_them(name: str) -> 
     assert untouched.uncertainty(top) > surface.uncertainty(contacts.points).max()
 
 
-@pytest.mark.parametrize("name", ["gpis", "smooth", "blend"])
+@pytest.mark.parametrize(
+    "name", ["gpis", *(pytest.param(n, marks=pytest.mark.slow) for n in ("smooth", "blend"))]
+)
 def test_a_ball_touched_by_pads_is_not_cut_off(name: str) -> None:
     # Twelve touches of five contacts within 2 mm; none is higher than 85 % of the radius.
     ball = trimesh.creation.icosahedron().vertices

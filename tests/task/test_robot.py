@@ -26,6 +26,7 @@ def test_every_option_of_the_sensor_is_one_of_the_robot() -> None:
     assert (error.value.option, error.value.value) == ("false_rate", 1.5)
 
 
+@pytest.mark.slow
 def test_a_sensor_that_misses_each_contact_finds_none_and_one_that_misses_half_needs_more() -> None:
     how = {"known": True, "prober": "kinematic", "touches": 8, "hand": "wsg50"}
     counts = {}

@@ -80,6 +80,7 @@ def test_the_picture_contains_the_arm_and_its_foot() -> None:
     assert high[2] >= max(links)
 
 
+@pytest.mark.slow
 def test_a_growing_exploration_shows_its_arm_where_the_object_moved(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

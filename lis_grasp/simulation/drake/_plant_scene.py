@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from pydrake.geometry import GeometryId
+from pydrake.geometry import (
+    CollisionFilterDeclaration,
+    FilterId,
+    GeometryId,
+    GeometrySet,
+    Role,
+)
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    ContactResults,
+    MultibodyPlant,
+    MultibodyPlantConfig,
+)
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 
@@ -17,8 +29,14 @@ from lis_grasp.lifting.scene import Touched
 from lis_grasp.simulation.drake.contact_patches import LinkContact, link_contacts
 from lis_grasp.simulation.drake.hand_plant import HandInPlant
 from lis_grasp.simulation.drake.object_plant import ObjectInPlant, let_rest
+from lis_grasp.simulation.drake.surroundings_plant import (
+    Pusher,
+    SurroundingsInPlant,
+    add_surroundings,
+)
 from lis_grasp.simulation.drake.touch_sensor import TouchSensor
 from lis_grasp.typing import FloatArray
+from lis_grasp.world import ALONE, Surroundings
 
 
 class PlantScene:
@@ -26,10 +44,16 @@ class PlantScene:
 
     Hand, carrier, object and table are added to `plant` first; `finalize` makes the rest. Contact
     is hydroelastic, in Drake's discrete solver with the "lagged" approximation. The links of the
-    hand do not collide with each other. `settings` are fields of `MultibodyPlantConfig`.
+    hand do not collide with each other. `surroundings` are the bodies beside the object, in W.
+    `settings` are fields of `MultibodyPlantConfig`.
     """
 
-    def __init__(self, time_step: float, **settings: Any) -> None:
+    #: the bodies beside the object; None without any
+    surroundings: SurroundingsInPlant | None = None
+
+    def __init__(
+        self, time_step: float, *, surroundings: Surroundings = ALONE, **settings: Any
+    ) -> None:
         self._builder = DiagramBuilder()
         config = MultibodyPlantConfig(
             time_step=time_step, discrete_contact_approximation="lagged", **settings
@@ -38,6 +62,12 @@ class PlantScene:
         self.plant, self._scene_graph = added
         self.time_step = time_step
         self.steps = 0
+        #: largest force [N] on each body beside the object so far, by who pushed it
+        self.pushes: dict[tuple[str, Pusher], float] = {}
+        self._unmoved: FilterId | None = None
+        self._separated = False
+        if len(surroundings):
+            self.surroundings = add_surroundings(self.plant, surroundings)
 
     def finalize(
         self,
@@ -50,7 +80,7 @@ class PlantScene:
     ) -> None:
         """Finalize the plant with its hand and its floating object, and make the simulator.
 
-        With a `threshold` [N], there is a touch sensor for the object.
+        With a `threshold` [N], there is a touch sensor for the object, and for bodies beside it.
         """
         plant, scene_graph = self.plant, self._scene_graph
         plant.Finalize()
@@ -59,9 +89,20 @@ class PlantScene:
         # Drake gives a body without a joint this one: six degrees of freedom.
         (joint,) = plant.GetJointIndices(obj.body.model_instance())
         self.object_joint = plant.get_joint(joint)
-        sensor = None
+        beside, sensor = self.surroundings, None
+        tables = [slab for slab in (support, table) if slab is not None]
+        if beside is not None:
+            beside.let_rest(scene_graph, tables)
+            pushers: dict[GeometryId, Pusher] = dict.fromkeys(
+                scene_graph.model_inspector().GetAllGeometryIds(Role.kProximity), "arm"
+            )
+            pushers |= dict.fromkeys(hand.link_of_geometry, "hand") | {obj.geometry: "object"}
+            for passive in (*tables, *beside.grounds.values(), *beside.name_of_geometry):
+                del pushers[passive]
+            self._pushers = pushers
         if threshold is not None:
-            sensor = TouchSensor(plant, hand, feels=[obj.body], threshold=threshold, period=np.inf)
+            feels = [obj.body, *(() if beside is None else beside.bodies.values())]
+            sensor = TouchSensor(plant, hand, feels=feels, threshold=threshold, period=np.inf)
             self._builder.AddSystem(sensor)
             self._builder.Connect(
                 plant.get_contact_results_output_port(), sensor.GetInputPort("contact_results")
@@ -71,6 +112,8 @@ class PlantScene:
         self.context: Context = plant.GetMyMutableContextFromRoot(self._root)
         if sensor is not None:
             self._touch = sensor.touch, sensor.GetMyContextFromRoot(self._root)
+        if beside is not None:
+            beside.place(self.context, {body.name: body.X_EB for body in beside.surroundings})
         geometry_context = scene_graph.GetMyMutableContextFromRoot(self._root)
         self.filters = scene_graph.collision_filter_manager(geometry_context)
 
@@ -78,6 +121,40 @@ class PlantScene:
         """Set the pose of the object, shape (4, 4): a rotation but for rounding."""
         R_WO = RotationMatrix.ProjectToRotationMatrix(X_WO[:3, :3])
         self.object_joint.SetPose(self.context, RigidTransform(R_WO, X_WO[:3, 3]))
+
+    def lock_object(self) -> None:
+        """Lock the object where it is.
+
+        Until it is unlocked, it does not touch what is fixed to the world: Drake 1.51 crashes on
+        contact between a locked body and the world.
+        """
+        fixed = [] if self.support is None else [self.support]
+        fixed += [] if self.surroundings is None else self.surroundings.fixed_geometries
+        if fixed and self._unmoved is None:
+            declaration = CollisionFilterDeclaration()
+            declaration.ExcludeBetween(GeometrySet([self.object.geometry]), GeometrySet(fixed))
+            self._unmoved = self.filters.ApplyTransient(declaration)
+        self.object_joint.Lock(self.context)
+
+    def unlock_object(self) -> None:
+        """Free an object that was locked."""
+        if self._unmoved is not None:
+            self.filters.RemoveDeclaration(self._unmoved)
+            self._unmoved = None
+        self.object_joint.Unlock(self.context)
+
+    def place_surroundings(self, poses: Mapping[str, FloatArray]) -> None:
+        """Place free bodies beside the object, at rest at poses X_WB (4, 4) by name.
+
+        The first time, what stands on or leans on each other is found; see `separate`.
+        """
+        if self.surroundings is None:
+            return
+        self.surroundings.place(self.context, poses)
+        if not self._separated:
+            query = self.plant.get_geometry_query_input_port().Eval(self.context)
+            self.surroundings.separate(self.filters, query, self.object.geometry)
+            self._separated = True
 
     def stop(self) -> None:
         """Set all velocities to 0."""
@@ -102,6 +179,27 @@ class PlantScene:
             reason = str(error).splitlines()[0]
             message = f"the simulation of {of} failed at {time:.3f} s: {reason}"
             raise SimulationError(message) from None
+        if self.surroundings is not None:
+            for pushed, force in self.forces_beside().items():
+                self.pushes[pushed] = max(force, self.pushes.get(pushed, 0.0))
+
+    def forces_beside(self) -> dict[tuple[str, Pusher], float]:
+        """Return the forces [N] on the bodies beside the object now, by who pushes them."""
+        if self.surroundings is None:
+            return {}
+        return self.surroundings.forces(self._results(), self._pushers)
+
+    @property
+    def largest_pushes(self) -> dict[str, float]:
+        """Largest force [N] on each body beside the object so far, by anyone."""
+        largest: dict[str, float] = {}
+        for (name, _), force in self.pushes.items():
+            largest[name] = max(force, largest.get(name, 0.0))
+        return largest
+
+    def _results(self) -> ContactResults:
+        results: ContactResults = self.plant.get_contact_results_output_port().Eval(self.context)
+        return results
 
     def touch(self) -> Contacts:
         """Return what the touch sensor feels now: flat parts of contacts, in W."""
@@ -109,8 +207,22 @@ class PlantScene:
         felt: Contacts = port.Eval(context)
         return felt
 
+    def felt_beside(self, threshold: float) -> dict[str, int]:
+        """Return the number of contacts with each body beside the object that the hand feels now.
+
+        They have more normal force than a threshold [N].
+        """
+        counts: dict[str, int] = {}
+        if self.surroundings is not None:
+            names = self.surroundings.name_of_geometry
+            for contact in link_contacts(self._results(), names, self.hand.link_of_geometry):
+                if contact.normal_force > threshold:
+                    name = names[contact.felt_geometry]
+                    counts[name] = counts.get(name, 0) + len(contact.flat_parts())
+        return counts
+
     def contacts(self, on: Touched = "object") -> list[LinkContact]:
         """Return the contacts of the hand with the object or the table, in Drake's order."""
-        results = self.plant.get_contact_results_output_port().Eval(self.context)
+        results = self._results()
         touched = self.object.geometry if on == "object" else self.table
         return link_contacts(results, {touched}, self.hand.link_of_geometry)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 import trimesh
 from pydrake.multibody.math import SpatialForce
@@ -23,6 +26,7 @@ from lis_grasp.simulation.drake.object_plant import (
     add_table,
 )
 from lis_grasp.typing import FloatArray
+from lis_grasp.world import ALONE, Surroundings
 
 _TIME_STEP = 0.002  # [s]
 # After a touch the hand retreats until the object is slower than this [m/s] over this many steps,
@@ -42,7 +46,8 @@ class ProbingScene:
 
     One plant serves every probe: `place` sets the poses of rail, hand and object, and locks their
     joints for the motion. The joint of a `free` object stays unlocked, and rolling meets a
-    resistance. The hand feels contacts with more normal force than a `threshold` [N].
+    resistance. The hand feels contacts with more normal force than a `threshold` [N], of the object
+    and of the bodies beside it, the `surroundings`, given in W.
     """
 
     time_step = _TIME_STEP
@@ -56,10 +61,13 @@ class ProbingScene:
         free: FreeObject | None = None,
         station: Station | None = None,
         arm_use: ArmUse | None = None,
+        surroundings: Surroundings = ALONE,
     ) -> None:
         self._scene = scene = PlantScene(
             _TIME_STEP,
-            contact_model="hydroelastic",
+            surroundings=surroundings,
+            # Two rigid meshes meet by points.
+            contact_model="hydroelastic_with_fallback" if len(surroundings) else "hydroelastic",
             use_sampled_output_ports=False,  # contact results right after a placement
         )
         plant = scene.plant
@@ -70,7 +78,7 @@ class ProbingScene:
             if station is None
             else ProbeArm(plant, self._hand, station, arm_use)
         )
-        self._free = free is not None
+        self._free, self._threshold = free is not None, threshold
         support = table = None
         if free is None:
             self._object = add_object_body(plant, mesh, mass=1.0, friction=friction)
@@ -108,6 +116,17 @@ class ProbingScene:
         """Current positions of the hand's joints, shape (J,)."""
         return self._hand.joint_positions(self._scene.context)
 
+    @property
+    def poses_beside(self) -> dict[str, FloatArray]:
+        """Current poses (4, 4) of the free bodies beside the object."""
+        beside = self._scene.surroundings
+        return {} if beside is None else beside.poses(self._scene.context)
+
+    @property
+    def forces_beside(self) -> dict[str, float]:
+        """Largest force [N] on each body beside the object so far, of hand, arm or object."""
+        return self._scene.largest_pushes
+
     def place(
         self,
         q: FloatArray,
@@ -115,20 +134,22 @@ class ProbingScene:
         direction: FloatArray,
         X_WO: FloatArray,
         q_arm: FloatArray | None = None,
+        beside: Mapping[str, FloatArray] = MappingProxyType({}),
     ) -> None:
         """Set everything to the start of a motion along `direction` (3,), at rest.
 
         `q` are the joints (J,), `X_WB` is the pose (4, 4) of the base link, `X_WO` the object's,
-        `q_arm` are the joint positions of an arm.
+        `q_arm` are the joint positions of an arm, `beside` the poses of free bodies by name.
         """
         scene, context = self._scene, self._scene.context
-        scene.object_joint.Unlock(context)
+        scene.unlock_object()
         scene.stop()
         self._hand.set_joint_positions(context, q)
         self.carrier.place(X_WB, direction, q_arm)
         scene.place_object(X_WO)
+        scene.place_surroundings(beside)
         if not self._free:
-            scene.object_joint.Lock(context)
+            scene.lock_object()
         self._fingers_port.FixValue(context, np.concatenate([q, np.zeros_like(q)]))
 
     def start_motion(self, travelled: float, speed: float) -> None:
@@ -153,15 +174,19 @@ class ProbingScene:
         self.carrier.check()
 
     def retreat(self, travelled: float, speed: float) -> None:
-        """Retreat from `travelled` [m] at a speed [m/s] until the object rests."""
-        before = self.X_WO
+        """Retreat from `travelled` [m] at a speed [m/s] until all that can move rests."""
+        before = self._places()
         for n in range(1, round(_LONGEST_SETTLING / _TIME_STEP) + 1):
             self.step(travelled - n * speed * _TIME_STEP, -speed)
             if n % _STEPS_OF_REST == 0:
-                now = self.X_WO
-                if _motion(before, now) < _STILL * _STEPS_OF_REST * _TIME_STEP:
+                now = self._places()
+                most = max(map(_motion, before, now))
+                if most < _STILL * _STEPS_OF_REST * _TIME_STEP:
                     return
                 before = now
+
+    def _places(self) -> list[FloatArray]:
+        return [self.X_WO, *self.poses_beside.values()]
 
     def _resist_rolling(self) -> None:
         """Apply the moment of rolling resistance to the free object, for one step."""
@@ -178,6 +203,10 @@ class ProbingScene:
         The forces belong to the commanded step: Drake computes them once for both.
         """
         return self._scene.touch()
+
+    def felt_beside(self) -> dict[str, int]:
+        """Return how many of the contacts of `touch` are with each body beside the object."""
+        return self._scene.felt_beside(self._threshold)
 
 
 def _motion(X: FloatArray, Y: FloatArray) -> float:

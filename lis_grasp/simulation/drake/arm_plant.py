@@ -190,10 +190,10 @@ class ArmWatch:
 
     Wanted are contacts of the object with links of the hand that `may_touch` it; None for
     fingertips and pads: links that carry a pad or lead in a probe posture, and those fixed to them.
-    No other link of the hand should touch the object, none the table, and a link of the arm nothing
-    at all. While the hand is to be `free` of the object, even pads should not touch it. With
-    `slides`, fingertips may touch the table. A contact of the arm ends the motion, and, where
-    `object_ends` it, an unwanted one of the object.
+    No other link of the hand should touch the object, none the table or a body beside the object,
+    and a link of the arm nothing at all. While the hand is to be `free` of the object, even pads
+    should not touch it. With `slides`, fingertips may touch the table. A contact of the arm ends
+    the motion, and, where `object_ends` it, an unwanted one of the object or of a body beside it.
     """
 
     def __init__(
@@ -212,6 +212,8 @@ class ArmWatch:
         self._wanted = arm.hand.hand.fingertip_links if may_touch is None else may_touch
         self._plant, self._context, self._arm = plant, scene.context, arm
         self._table, self._object_ends = scene.table, object_ends
+        beside = scene.surroundings
+        self._beside = {} if beside is None else beside.name_of_geometry
         ignore_mounting(scene.filters, arm, scene.table)
         self._longest = round(_SATURATED / plant.time_step())
         self._saturated = np.zeros(len(arm.arm.joint_names), dtype=int)
@@ -263,14 +265,18 @@ class ArmWatch:
         if not of_arm and first not in hand and second not in hand:
             return False
         # The arm or the hand is named first.
-        names = sorted(map(self._name, (first, second)), key=lambda n: (n in (TABLE, OBJECT), n))
+        pair = sorted(
+            (first, second), key=lambda g: (g not in arm and g not in hand, self._name(g))
+        )
+        names = [self._name(geometry) for geometry in pair]
         wanted = self._slides if names[1] == TABLE else names[1] == OBJECT and not self.free
+        wanted = wanted and pair[1] not in self._beside
         if not of_arm and names[0] in self._wanted and wanted:
             return False
         together = " with ".join(names)
         self.use.contacts[together] = self.use.contacts.get(together, 0) + 1
         self.use.forces[together] = max(force, self.use.forces.get(together, 0.0))
-        return of_arm or (self._object_ends and OBJECT in names)
+        return of_arm or (self._object_ends and (OBJECT in names or pair[1] in self._beside))
 
     def _name(self, geometry: GeometryId) -> str:
         if geometry == self._table:
@@ -278,4 +284,4 @@ class ArmWatch:
         arm, hand = self._arm.link_of_geometry, self._arm.hand.link_of_geometry
         if geometry in arm:
             return f"arm's {arm[geometry]}"
-        return hand.get(geometry, OBJECT)
+        return hand.get(geometry) or self._beside.get(geometry, OBJECT)

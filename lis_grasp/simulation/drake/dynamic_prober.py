@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 
@@ -14,6 +15,7 @@ from lis_grasp.arms.use import ArmStoppedError, ArmUse
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_positive
 from lis_grasp.exploration import HandPose, ObstacleModel, Probe, ProbeOutcome
+from lis_grasp.exploration.disturbance import Disturbance
 from lis_grasp.exploration.probe_motions import GENTLE_SPEED, PROBE_SPEED
 from lis_grasp.geometry import apply_pose, as_pose, inverse_pose, rotate
 from lis_grasp.probing.course import Course, Leg, PathOf, path_back, path_out
@@ -68,7 +70,8 @@ class DynamicProber:
     arm_use
         Gets what touches demand of the arm; None for a record that nobody reads.
     surroundings, known
-        The true bodies beside the object, and those that plans avoid.
+        The true bodies beside the object, and those that plans avoid, in E. The hand feels them as
+        it feels the object. Free ones stay where touches leave them, and make touches slow.
 
     Raises
     ------
@@ -92,9 +95,18 @@ class DynamicProber:
             force_threshold = 0.2 if free is None else 0.05
         require_positive(force_threshold=force_threshold)
         self._scene = ProbingScene(
-            hand, mesh, force_threshold, free=free, station=station, arm_use=arm_use
+            hand,
+            mesh,
+            force_threshold,
+            free=free,
+            station=station,
+            arm_use=arm_use,
+            surroundings=surroundings,
         )
-        self._speed = PROBE_SPEED if free is None else GENTLE_SPEED
+        self._beside, self._before = surroundings, Disturbance()  # in W
+        self._felt: dict[str, int] = {}
+        self._moves = free is not None or bool(surroundings.free)
+        self._speed = GENTLE_SPEED if free is not None or known.free else PROBE_SPEED
         self._motion = GuardedMotion(
             hand,
             mesh,
@@ -104,10 +116,12 @@ class DynamicProber:
             known=known,
         )
         self._station = station
+        self._has_bodies = len(surroundings) + len(known) > 0
         self._ways: TransitScene | None = None
         if station is not None:
-            self._ways = TransitScene(station, mesh, arm_use or ArmUse())
-        self._X_WE = np.eye(4)  # the plant is in W, where the arm's base stays; without one, in E
+            self._ways = TransitScene(station, mesh, arm_use or ArmUse(), surroundings)
+        # The plant is in W, where the arm's base and fixed bodies stay; without any, in E.
+        self._X_WE = np.eye(4)
         self._hand = hand
         self._free = free
         self._hull = np.asarray(mesh.convex_hull.vertices)
@@ -118,6 +132,32 @@ class DynamicProber:
         """True pose of a free object; see `SimulatedProber`."""
         return None if self._free is None else self._X_EO
 
+    @property
+    def surroundings(self) -> Surroundings:
+        """The true bodies beside the object where they are now, in E."""
+        return self._beside.in_frame(self._X_WE)
+
+    @property
+    def disturbance(self) -> Disturbance:
+        """What touches did so far to the bodies beside the object; see `DisturbingProber`."""
+        so_far = Disturbance(self._felt, self._scene.forces_beside, self._free_poses)
+        if self._ways is not None:
+            so_far = so_far.after(Disturbance(forces=self._ways.forces_beside))
+        return self._before.after(so_far)
+
+    def place_disturbed(self, before: Disturbance) -> None:
+        """Begin after recorded touches, with free bodies beside the object as they left them."""
+        self._before = before
+        self._place_beside(before.poses)
+
+    @property
+    def _free_poses(self) -> dict[str, FloatArray]:
+        return {body.name: body.X_EB for body in self._beside.free}
+
+    def _place_beside(self, poses: Mapping[str, FloatArray]) -> None:
+        self._beside = self._beside.placed(poses)
+        self._motion.place_surroundings(self._beside, self._X_WE)
+
     def place_object(self, X_EO: FloatArray) -> None:
         """Place the true object, free and at rest, at a recorded pose, shape (4, 4)."""
         self._X_EO = read_only(as_pose(X_EO).copy())
@@ -127,10 +167,21 @@ class DynamicProber:
         self.place_object(inverse_pose(X_EF) @ self._X_EO)
         self.place_frame(self._X_WE @ X_EF)
 
+    def reaches(self, probe: Probe, obstacles: ObstacleModel) -> str:
+        """Return why no finger reaches a probe; empty if one does. See `PlanningProber`."""
+        return self._motion.reaches(probe, obstacles)
+
+    def place_known(self, poses: Mapping[str, FloatArray]) -> None:
+        """Place known bodies at believed poses (4, 4) in W, by their names."""
+        self._motion.place_known(poses)
+
     def place_frame(self, X_WE: FloatArray) -> None:
-        """Give later probes in a frame E with pose X_WE, shape (4, 4), in the arm's world."""
+        """Give later probes in a frame E with pose X_WE, shape (4, 4), in that of the first."""
+        if self._station is None and not self._has_bodies:
+            return
+        self._X_WE = X_WE
+        self._motion.place_surroundings(self._beside, X_WE)
         if self._station is not None:
-            self._X_WE = X_WE
             self._motion.place_station(self._station.in_frame(X_WE))
 
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
@@ -159,11 +210,14 @@ class DynamicProber:
             touch: float | None = None
             if course.touched is not None:
                 touch = way.duration if path is path_out else 0.0
-            self._ways.run(way, posture, self._X_WE @ self._X_EO, touch=touch)
+            X_WO = self._X_WE @ self._X_EO
+            self._ways.run(way, posture, X_WO, touch=touch, beside=self._free_poses)
 
     def _end_of(self, course: Course, missed: ProbeOutcome) -> ProbeOutcome:
         """Return the outcome of a course with a contact at its end."""
         before, reason = self._X_EO, GRAZED
+        if course.touched is not None and course.touched.body is not None:
+            reason = reason.replace("the object", course.touched.body)
         hand_pose: HandPose | None
         try:
             contacts, hand_pose = self._touch(course)
@@ -208,7 +262,8 @@ class DynamicProber:
         X_EB = leg.X_OH @ palm_to_base[self._hand.base_link]
         X_WB, X_WO = self._X_WE @ X_EB, self._X_WE @ self._X_EO
         q_arm = None if leg.q_arm is None else leg.q_arm[0]
-        scene.place(q, X_WB, rotate(self._X_WE, leg.direction), X_WO, q_arm)
+        beside = self._free_poses
+        scene.place(q, X_WB, rotate(self._X_WE, leg.direction), X_WO, q_arm, beside)
         speed = self._speed if self._station is None else leg.speed
         before = _BEFORE if self._station is None else _BEFORE_WITH_ARM
         start = max(leg.length - before, 0.0)
@@ -227,13 +282,17 @@ class DynamicProber:
         X_EW = inverse_pose(self._X_WE)
         hand_pose = HandPose(X_EW @ scene.X_WH + 0.0, scene.joint_positions)
         contacts = contacts.in_frame(self._X_WE)
-        if self._free is not None or self._station is not None:
+        for name, count in scene.felt_beside().items():
+            self._felt[name] = self._felt.get(name, 0) + count
+        if self._moves or self._station is not None:
             late = n + (1 if self._station is not None else round(_LATENCY / scene.time_step))
             for m in range(n + 1, late + 1):
                 scene.step(start + m * step, speed)
             scene.retreat(start + late * step, PROBE_SPEED)
         if self._free is not None:
             self._X_EO = read_only(X_EW @ scene.X_WO)
+        if beside:
+            self._place_beside(scene.poses_beside)
         return contacts, hand_pose
 
     def _displacement(self, X_EO: FloatArray) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from pydrake.geometry import CollisionFilterDeclaration, FilterId, GeometrySet
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -85,6 +84,7 @@ class LiftScene:
         self._scene = scene = PlantScene(
             setup.options.time_step,
             contact_model="hydroelastic_with_fallback",
+            surroundings=setup.surroundings,
             stiction_tolerance=_STICTION_TOLERANCE,
         )
         plant = scene.plant
@@ -111,8 +111,9 @@ class LiftScene:
         scene.finalize(self._hand, self._object, support=support, table=table)
         X_WB = RigidTransform(setup.X_WO) @ RigidTransform(self._p_OB)
         plant.SetFreeBodyPose(scene.context, self._object.body, X_WB)
+        scene.place_surroundings({body.name: body.X_EB for body in setup.surroundings})
         self.carrier.connect(scene)
-        self._resting: FilterId | None = None
+        self._is_resting = False
         self._carries_weight = setup.arm is not None
         self._fingers_port = plant.get_desired_state_input_port(self._hand.instance)
         self._efforts_port = plant.get_actuation_input_port(self._hand.instance)
@@ -146,13 +147,8 @@ class LiftScene:
         It does not move by itself, and its contact with the support, the costliest one, need not be
         computed until then.
         """
-        # Drake 1.51 crashes on contact between a locked body and the world: exclude it.
-        self._resting = self._scene.filters.ApplyTransient(
-            CollisionFilterDeclaration().ExcludeBetween(
-                GeometrySet([self._object.geometry]), GeometrySet([self._scene.support])
-            )
-        )
-        self._scene.object_joint.Lock(self._scene.context)
+        self._is_resting = True
+        self._scene.lock_object()
 
     def step(self) -> None:
         """Advance by one time step.
@@ -163,10 +159,9 @@ class LiftScene:
         self._scene.step(of="a lift")
         if not np.isfinite(self._scene.plant.GetPositions(self._scene.context)).all():
             raise SimulationError(f"a lift diverged at {self.time:.3f} s")
-        if self._resting is not None and self.contacts():
-            self._scene.filters.RemoveDeclaration(self._resting)
-            self._scene.object_joint.Unlock(self._scene.context)
-            self._resting = None
+        if self._is_resting and self._is_touched():
+            self._scene.unlock_object()
+            self._is_resting = False
         self.carrier.check()
 
     @property
@@ -194,6 +189,23 @@ class LiftScene:
     def contacts(self, on: Touched = "object") -> list[LinkContact]:
         """Return the contacts of the hand with the object or the table, in a fixed order."""
         return self._scene.contacts(on)
+
+    def _is_touched(self) -> bool:
+        """Return whether the hand, or a body beside the object, touches it."""
+        by_body = any(who == "object" for _, who in self._scene.forces_beside())
+        return by_body or bool(self.contacts())
+
+    def forces_beside(self) -> dict[str, float]:
+        """Return the forces [N] of hand, arm and object on bodies beside the object now."""
+        sums: dict[str, float] = {}
+        for (name, _), force in self._scene.forces_beside().items():
+            sums[name] = sums.get(name, 0.0) + force
+        return sums
+
+    def poses_beside(self) -> dict[str, FloatArray]:
+        """Return the poses X_WB (4, 4) of the free bodies beside the object."""
+        beside = self._scene.surroundings
+        return {} if beside is None else beside.poses(self._scene.context)
 
     def jacobian(self, link: str, p_L: FloatArray) -> FloatArray:
         """Return the Jacobian of a point p_L of a link with respect to the joints, shape (3, J).

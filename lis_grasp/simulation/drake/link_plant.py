@@ -156,6 +156,11 @@ def _collision_shape(geometry: LinkGeometry) -> Shape:
     """Return Drake's shape of a collision body; a mesh is convex."""
     if geometry.kind == "mesh":
         return Convex(in_memory(geometry.mesh, geometry.link))
+    return primitive_shape(geometry)
+
+
+def primitive_shape(geometry: LinkGeometry) -> Shape:
+    """Return Drake's shape of a collision body that is no mesh."""
     primitives = {"box": Box, "sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule}
     return primitives[geometry.kind](*geometry.dimensions)
 

@@ -136,6 +136,7 @@ def add_support(
     *,
     under: trimesh.Trimesh,
     mass: float,
+    name: str = "support",
 ) -> GeometryId:
     """Add the table that supports a free object of a mass [kg], and return its geometry.
 
@@ -144,7 +145,7 @@ def add_support(
     sinks in by 12 um at steps of 5 ms. For the hand there is another table; see `let_rest`.
     """
     modulus = min(_TABLE_MODULUS, _stable_modulus(under, mass, plant.time_step()))
-    return _add_slab(plant, support_height, friction, under, "support", modulus)
+    return _add_slab(plant, support_height, friction, under, name, modulus)
 
 
 def let_rest(

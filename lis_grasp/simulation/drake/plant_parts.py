@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import cast
+from collections.abc import Callable
+from functools import wraps
+from inspect import Parameter, signature
+from typing import ParamSpec, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +17,9 @@ from lis_grasp.exceptions import InvalidOptionError, nearest_of, shown
 from lis_grasp.geometry import require_pose
 from lis_grasp.typing import FloatArray
 
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
 
 def wrong_type(option: str, value: object, required: str) -> InvalidOptionError:
     """Return the error of an option that is not of a type; `required` names the type."""
@@ -21,6 +27,29 @@ def wrong_type(option: str, value: object, required: str) -> InvalidOptionError:
     return InvalidOptionError(
         f"{option} must be {required}; it is {it_is}", option=option, value=value
     )
+
+
+def written_as(example: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
+    """Refuse calls of a function with more arguments by place than it has; show an example."""
+
+    def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:
+        kinds = (parameter.kind for parameter in signature(function).parameters.values())
+        most = sum(kind is Parameter.POSITIONAL_OR_KEYWORD for kind in kinds)
+
+        @wraps(function)
+        def call(*arguments: _P.args, **options: _P.kwargs) -> _R:
+            for extra in arguments[most:]:
+                raise InvalidOptionError(
+                    f"{function.__name__} takes {most} arguments without a name, and {shown(extra)}"
+                    f" is one more: write {example}",
+                    option=function.__name__,
+                    value=extra,
+                )
+            return function(*arguments, **options)
+
+        return call
+
+    return decorate
 
 
 def require_type(option: str, value: object, kind: type) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 import trimesh
 
@@ -13,6 +16,7 @@ from lis_grasp.simulation.drake.arm_plant import ArmWatch, add_arm
 from lis_grasp.simulation.drake.hand_plant import add_hand_model
 from lis_grasp.simulation.drake.object_plant import add_object_body, add_table
 from lis_grasp.typing import FloatArray
+from lis_grasp.world import ALONE, Surroundings
 
 # Time before and after a touch in which the fingertip is within millimetres of the object [s].
 _GRAZING = 0.2
@@ -32,10 +36,20 @@ class TransitScene:
         The true object, watertight.
     use
         Gets what the motions demand of the arm.
+    surroundings
+        The true bodies beside the object, in W.
     """
 
-    def __init__(self, station: Station, mesh: trimesh.Trimesh, use: ArmUse) -> None:
-        self._scene = scene = PlantScene(TIME_STEP, contact_model="hydroelastic_with_fallback")
+    def __init__(
+        self,
+        station: Station,
+        mesh: trimesh.Trimesh,
+        use: ArmUse,
+        surroundings: Surroundings = ALONE,
+    ) -> None:
+        self._scene = scene = PlantScene(
+            TIME_STEP, surroundings=surroundings, contact_model="hydroelastic_with_fallback"
+        )
         plant, hand = scene.plant, station.hand
         self._hand = add_hand_model(plant, hand)
         posture = next(iter(hand.probe_postures.values())).joint_positions
@@ -58,35 +72,51 @@ class TransitScene:
         X_WO: FloatArray,
         *,
         touch: float | None = None,
+        beside: Mapping[str, FloatArray] = MappingProxyType({}),
     ) -> None:
         """Simulate a motion of the arm, with the hand's joints (K,) fixed and the object at X_WO.
 
         `touch` is the time of the touch that begins or ends it [s], beside which a fingertip may
-        graze the object; None for none.
+        graze the object; None for none. `beside` are the poses of free bodies beside the object, by
+        name.
 
         Raises `ArmStoppedError` if the arm touches something, or a joint stays at its largest
         effort, and `SimulationError` if Drake's solver fails.
         """
-        self._place(way, q_hand, X_WO)
+        self._place(way, q_hand, X_WO, beside)
         for n in range(1, len(way.times)):
             self._command(way, n)
             self._watch.free = touch is None or abs(n * TIME_STEP - touch) > _GRAZING
             self._scene.step(of="an arm's way")
             self._watch.check()
 
-    def _place(self, way: JointTrajectory, q_hand: FloatArray, X_WO: FloatArray) -> None:
+    @property
+    def forces_beside(self) -> dict[str, float]:
+        """Largest force [N] on each body beside the object so far."""
+        return self._scene.largest_pushes
+
+    def _place(
+        self,
+        way: JointTrajectory,
+        q_hand: FloatArray,
+        X_WO: FloatArray,
+        beside: Mapping[str, FloatArray],
+    ) -> None:
         """Set everything to the start of a motion, the joints of hand and object locked."""
         scene, context, links = self._scene, self._scene.context, self._hand.links
         followers = (joint for joint, _ in links.followers)
-        held = [*links.joints, *followers, scene.object_joint]
+        held = [*links.joints, *followers]
         for joint in held:
             joint.Unlock(context)
+        scene.unlock_object()
         self._hand.set_joint_positions(context, q_hand)
         scene.place_object(X_WO)
+        scene.place_surroundings(beside)
         scene.stop()
         self._arm.place(context, way.positions[0], way.velocities[0])
         for joint in held:
             joint.Lock(context)
+        scene.lock_object()
         self._fingers.FixValue(context, np.concatenate([q_hand, np.zeros_like(q_hand)]))
         self._finger_efforts.FixValue(context, np.zeros(len(q_hand)))
         self._command(way, 0)

@@ -1,139 +1,149 @@
-"""Reader of the bodies beside the object: model directives, models, meshes, and Drake plants."""
+"""Reader of the bodies beside the object: model directives, scenarios, models and meshes."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
-import trimesh
-from pydrake.geometry import (
-    Box,
-    Capsule,
-    Convex,
-    Cylinder,
-    Ellipsoid,
-    GeometryId,
-    HalfSpace,
-    Mesh,
-    SceneGraph,
-    SceneGraphInspector,
-    Sphere,
-)
-from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction, MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.multibody.parsing import Parser, ProcessModelDirectives
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex, world_model_instance
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.robots.link_bodies import load_link_mesh, primitive
-from lis_grasp.robots.robot_model import Inertial, LinkGeometry
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, nearest_or_all, note
+from lis_grasp.geometry import make_pose
+from lis_grasp.io.limits import reading
+from lis_grasp.io.yaml_files import YAML_SUFFIXES
 from lis_grasp.shapes.loading import load_obstacles
-from lis_grasp.shapes.object_mass import USUAL_FRICTION
+from lis_grasp.simulation.drake._world_directives import (
+    drake_network,
+    drake_reads,
+    load_directives,
+    local_packages,
+)
+from lis_grasp.simulation.drake.world_bodies import PlantBodies
+from lis_grasp.typing import FloatArray
 from lis_grasp.world import Body, Surroundings
+from lis_grasp.world.files import file_of, scenario_of
 
-_MODELS = (".yaml", ".yml", ".sdf", ".urdf", ".xml")
-_TABLE = 1e-3  # a shape that is no higher above the table is a part of the table [m]
+_MODELS = (*YAML_SUFFIXES, ".sdf", ".urdf", ".xml")
+_UPRIGHT = 1e-6  # largest difference from 1 of the height of a unit vector that points up
 
 
-def load_surroundings(path: str | Path) -> Surroundings:
-    """Return the bodies of a file in its world frame, whose plane z = 0 is the table.
+def load_surroundings(path: str | Path, at: str | None = None) -> Surroundings:
+    """Return the bodies of a file in the frame E, on whose plane z = 0 the object stands.
 
-    The file has model directives, a model (SDF, URDF, MJCF), or a mesh [m], which is one fixed body
-    and may be open. Shapes that are wholly at or below the table are left out.
+    The file has model directives, scenarios of a HardwareStation (``scenarios.yaml#Name`` is one of
+    several), a model (SDF, URDF, MJCF), or a mesh [m], which is one fixed body and may be open. A
+    ``package.xml`` above the file names a package. Left out with a warning are robots of a
+    scenario, models whose files are not on this disk, and what is placed on them. Shapes that are
+    wholly at or below the table are left out.
 
-    Raises `InvalidFileError` and `InvalidMeshError` if the file cannot be used.
+    `at` is the place of E in the world of the file: the name of a body or frame, or three numbers
+    [m]; None for its origin.
+
+    Raises `InvalidFileError` and `InvalidMeshError` if the file cannot be used, and
+    `InvalidOptionError` if it has more than 50 bodies or 200,000 triangles, or no upright frame
+    `at`.
+
+    Examples
+    --------
+    >>> load_surroundings("bin.dmd.yaml", at="0.1 0 0").bodies[0].name
+    'front'
     """
-    path = Path(path)
-    if path.suffix.lower() not in _MODELS:
-        return Surroundings((Body.of_mesh(path.stem, load_obstacles(path)),))
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.001)
-    try:
-        Parser(plant).AddModels(str(path))
-    except RuntimeError as error:
-        reason = str(error).splitlines()[0]
-        message = f"{path} must have models that Drake reads: {reason}"
-        raise InvalidFileError(message, path=path) from None
-    plant.Finalize()
-    diagram = builder.Build()
-    context = plant.GetMyContextFromRoot(diagram.CreateDefaultContext())
-    return surroundings_of(plant, scene_graph, context)
+    file, place = file_of(path), None if at is None else _numbers(at)
+    if file.suffix.lower() not in _MODELS:
+        bodies = Surroundings((Body.of_mesh(file.stem, load_obstacles(file)),))
+        if at is not None and place is None:
+            raise InvalidOptionError.out_of_range("at", at, "three numbers [m] in a mesh's frame")
+        return bodies if place is None else bodies.in_frame(make_pose(np.eye(3), place))
+    read = _Parsed(file, scenario_of(path))
+    X_WE = np.eye(4) if place is None else make_pose(np.eye(3), place)
+    if at is not None and place is None:
+        X_WE = read.frame(at)
+    surroundings = read.bodies.surroundings((), X_WE, 0.0)
+    if not len(surroundings) and not read.bodies.count():
+        raise InvalidFileError(
+            f"{file} must have a body with collision geometry; it has none: add a <collision>, or"
+            " leave `world` out",
+            path=file,
+        )
+    if not len(surroundings):
+        note(f"nothing in {file.name} rises above the table: the object is alone on it")
+    return surroundings
 
 
-def surroundings_of(
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    context: Context,
-    *,
-    without: Collection[str] = (),
-) -> Surroundings:
-    """Return the bodies of a finalized plant at their present poses in its world frame.
+class _Parsed:
+    """The plant of a file's models, at their default positions."""
 
-    Bodies on joints are fixed where they are; floating ones are free. Model instances `without`,
-    such as a robot, and bodies without collision geometry are left out.
-    """
-    inspector, floating = scene_graph.model_inspector(), plant.GetFloatingBaseBodies()
-    bodies = []
-    for body in (plant.get_body(BodyIndex(k)) for k in range(plant.num_bodies())):
-        instance = plant.GetModelInstanceName(body.model_instance())
-        alone = plant.num_bodies() and len(plant.GetBodyIndices(body.model_instance())) == 1
-        name = instance if alone else f"{instance}::{body.name()}"
-        X_WB = np.asarray(body.EvalPoseInWorld(context).GetAsMatrix4())
-        ids = [] if instance in without else plant.GetCollisionGeometriesForBody(body)
-        shapes = [_shape(inspector, geometry, name) for geometry in ids]
-        geometries = tuple(g for g in shapes if g is not None and _rises(g, X_WB))
-        if geometries:
-            friction = float(np.mean([_friction(inspector, geometry) for geometry in ids]))
-            inertial = _inertial(body) if body.index() in floating else None
-            bodies.append(Body(name, geometries, X_WB, inertial, friction))
-    return Surroundings(tuple(bodies))
+    def __init__(self, file: Path, scenario: str | None) -> None:
+        builder = DiagramBuilder()
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.001)
+        packages = local_packages(file)
+        with drake_network("package_map"):  # without it there is no Parser; it loads nothing yet
+            parser = Parser(plant)
+        for name in parser.package_map().GetPackageNames():
+            parser.package_map().Remove(name)
+        parser.package_map().AddMap(packages)
+        if file.suffix.lower() in YAML_SUFFIXES:
+            directives = load_directives(file, scenario, packages)
+            with drake_reads(file):
+                ProcessModelDirectives(directives, plant, parser)
+        else:
+            with reading(file, "a model"), drake_reads(file):
+                parser.AddModels(str(file))
+        plant.Finalize()
+        self._diagram = builder.Build()
+        self._root = self._diagram.CreateDefaultContext()
+        self._plant: MultibodyPlant = plant
+        self._context: Context = plant.GetMyContextFromRoot(self._root)
+        self.bodies = PlantBodies(plant, scene_graph, self._context)
 
-
-def _shape(inspector: SceneGraphInspector, geometry: GeometryId, name: str) -> LinkGeometry | None:
-    """Return a shape of a body; None for a half space, which is a table or floor."""
-    shape, X_BG = inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry).GetAsMatrix4()
-    match shape:
-        case Box():
-            return primitive(name, X_BG, "box", shape.size())
-        case Sphere():
-            return primitive(name, X_BG, "sphere", [shape.radius()])
-        case Cylinder():
-            return primitive(name, X_BG, "cylinder", [shape.radius(), shape.length()])
-        case Capsule():
-            return primitive(name, X_BG, "capsule", [shape.radius(), shape.length()])
-        case Ellipsoid():
-            mesh = trimesh.creation.icosphere(subdivisions=3)
-            mesh.apply_scale([shape.a(), shape.b(), shape.c()])
-        case Mesh() | Convex():
-            mesh = load_link_mesh(Path(shape.source().path()), shape.scale3())
-            mesh = mesh.convex_hull if isinstance(shape, Convex) else mesh
-        case HalfSpace():
-            return None
-        case _:
-            raise InvalidFileError(
-                f"the shapes of a world must be boxes, spheres, cylinders, capsules, ellipsoids or"
-                f" meshes; body {name} has a {type(shape).__name__}: replace it"
+    def frame(self, name: str) -> FloatArray:
+        """Return the pose (4, 4) of an upright frame; that of a model of one body by its name."""
+        plant = self._plant
+        model, _, own = name.rpartition("::")
+        try:
+            if not model and plant.HasModelInstanceNamed(name):
+                bodies = plant.GetBodyIndices(plant.GetModelInstanceByName(name))
+                frame = plant.get_body(bodies[0]).body_frame()
+            elif not model:
+                frame = plant.GetFrameByName(name)
+            else:
+                frame = plant.GetFrameByName(own, plant.GetModelInstanceByName(model))
+        except RuntimeError:
+            raise InvalidOptionError(
+                f"`at` must be three numbers or a frame of the world; it is '{name}'"
+                f"{nearest_or_all(name, self._frames())}",
+                option="at",
+                value=name,
+            ) from None
+        X_WF = np.asarray(frame.CalcPoseInWorld(self._context).GetAsMatrix4())
+        if X_WF[2, 2] < 1.0 - _UPRIGHT:
+            raise InvalidOptionError(
+                f"the frame `at` must be upright, as the table is; axis z of {name} is not: add an"
+                " upright frame there, or give three numbers",
+                option="at",
+                value=name,
             )
-    return LinkGeometry(name, X_BG, "mesh", (), mesh)
+        return X_WF
+
+    def _frames(self) -> list[str]:
+        """Return the names of bodies and frames, but those that Drake makes itself."""
+        plant, names = self._plant, []
+        for k in map(ModelInstanceIndex, range(plant.num_model_instances())):
+            scope = f"{plant.GetModelInstanceName(k)}::" if k != world_model_instance() else ""
+            frames = [plant.get_frame(f).name() for f in plant.GetFrameIndices(k)]
+            names += [f"{scope}{f}" for f in frames if f != "__model__" and "_welds_to_" not in f]
+        return names
 
 
-def _rises(geometry: LinkGeometry, X_WB: np.ndarray) -> bool:
-    """Return whether a shape is higher than the table."""
-    mesh = geometry.mesh.copy().apply_transform(X_WB @ geometry.X_LG)
-    return bool(mesh.bounds[1, 2] > _TABLE)
-
-
-def _friction(inspector: SceneGraphInspector, geometry: GeometryId) -> float:
-    properties = inspector.GetProximityProperties(geometry)
-    usual = CoulombFriction(USUAL_FRICTION, USUAL_FRICTION)
-    return float(
-        properties.GetPropertyOrDefault("material", "coulomb_friction", usual).static_friction()
-    )
-
-
-def _inertial(body: RigidBody) -> Inertial:
-    inertia = body.default_spatial_inertia()
-    center = np.array(inertia.get_com())
-    matrix = inertia.Shift(center).CalcRotationalInertia().CopyToFullMatrix3()
-    return Inertial(float(inertia.get_mass()), center, np.asarray(matrix))
+def _numbers(at: str) -> FloatArray | None:
+    """Return a position (3,) [m]; None for the name of a frame."""
+    try:
+        numbers = np.array([float(word) for word in at.replace(",", " ").split()])
+    except ValueError:
+        return None
+    if numbers.shape != (3,) or not np.isfinite(numbers).all():
+        raise InvalidOptionError.out_of_range("at", at, "three numbers [m], or a frame's name")
+    return numbers

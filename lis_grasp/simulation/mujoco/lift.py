@@ -160,6 +160,14 @@ class MujocoScene:
         body = self._object if on == "object" else 0  # the world's
         return _merged_contacts(self._model, self._data, body, self._link_of_geom)
 
+    def forces_beside(self) -> dict[str, float]:
+        """Return nothing: there are no bodies beside the object."""
+        return {}
+
+    def poses_beside(self) -> dict[str, FloatArray]:
+        """Return nothing: there are no bodies beside the object."""
+        return {}
+
     def jacobian(self, link: str, p_L: FloatArray) -> FloatArray:
         """Return the Jacobian of a point p_L of a link with respect to the joints, shape (3, J).
 

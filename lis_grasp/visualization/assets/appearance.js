@@ -113,6 +113,16 @@ const Appearance = (() => {
     return glass;
   }
 
+  // Bodies through which everything stays visible, with their edges.
+  function makeClear(group) {
+    for (const mesh of meshes(group)) {
+      mesh.castShadow = mesh.receiveShadow = false;
+      mesh.renderOrder = 1;
+      Object.assign(mesh.material, { depthWrite: false, side: THREE.FrontSide });
+      addEdges(mesh, mesh.material.color.clone().multiplyScalar(0.6), 0.6);
+    }
+  }
+
   // Prepares a group of many copies (InstancedMesh).
   function setUpCopies(group) {
     for (const mesh of meshes(group)) {
@@ -136,5 +146,5 @@ const Appearance = (() => {
     }
   }
 
-  return { addEdges, addLights, fade, hideInside, makeGlass, meshes, pushBack, reveal, setUpCopies, studio };
+  return { addEdges, addLights, fade, hideInside, makeClear, makeGlass, meshes, pushBack, reveal, setUpCopies, studio };
 })();

@@ -2,7 +2,7 @@
 (async () => {
   "use strict";
   const THREE = MeshCat.THREE;
-  const { addEdges, fade, hideInside, makeGlass, meshes, pushBack, reveal, setUpCopies } = Appearance;
+  const { addEdges, fade, hideInside, makeClear, makeGlass, meshes, pushBack, reveal, setUpCopies } = Appearance;
   const scene = JSON.parse(document.getElementById("scene-data").textContent);
   const element = (id) => document.getElementById(id);
   const pane = element("meshcat-pane");
@@ -56,6 +56,7 @@
   const wanted = new Map(); // which layers are ticked
   const has = (id) => facts.has(id);
 
+  const BESIDE = ["surroundings", "free-bodies"]; // bodies beside the object
   const layers = {};
   let surfaces = []; // { count, group }: the estimate from `count` contacts
   let grasps = [];
@@ -81,6 +82,9 @@
       if (!has(id)) continue;
       layers[id] = node(id);
       for (const mesh of meshes(layers[id])) mesh.castShadow = false;
+    }
+    for (const id of BESIDE) {
+      if (has(id)) makeClear(layers[id] = node(id));
     }
     const table = [...meshes(node("table")), ...meshes(node("grid"))];
     for (const mesh of table) mesh.castShadow = false;
@@ -165,6 +169,9 @@
     if (layers.free) put("free", layers.free, now.name === "touch" ? 0 : on("free") * (1 - truth));
     for (const id of ["search", "motion"]) {
       if (layers[id]) put(id, layers[id], now.name === "touch" ? on(id) : 0);
+    }
+    for (const id of BESIDE) {
+      if (layers[id]) put(id, layers[id], on(id));
     }
     if (layers.truth) {
       // Glass round contacts alone, too. Solid at once behind the fading estimate: two transparent
