@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from lis_grasp import Contacts, Hand, load_contacts, shapes
+from lis_grasp import Contacts, Hand, load_contacts, load_world, shapes
 from lis_grasp.motion import Motion
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
@@ -69,6 +69,17 @@ def _check_comparison(folder: Path) -> None:
     assert all(0.0 < float(row["rmsd_mm"]) < 100.0 for row in rows)
 
 
+def _check_world(folder: Path) -> None:
+    world = load_world(EXAMPLES / "own_world" / "bin.dmd.yaml", at="middle")
+    assert [(body.name, body.is_fixed) for body in world] == [("bin", True), ("carton", False)]
+    contacts = Contacts.load(folder / "contacts.ply")
+    assert len(contacts) == 12
+    # The object is in the bin, whose walls are 0.16 m from the middle; no contact is of a body.
+    assert world.distances(contacts.points).min() > 0.02
+    _has_mesh(folder)
+    _has_grasps(folder)
+
+
 CHECKS: dict[str, Callable[[Path], None]] = {
     "contacts_to_mesh": _check_cube,
     "mesh_to_grasps": _has_grasps,
@@ -78,6 +89,7 @@ CHECKS: dict[str, Callable[[Path], None]] = {
     "robot_in_the_loop": _check_loop,
     "explore_to_lift": _check_lift,
     "own_diagram": _check_policy,
+    "own_world": _check_world,
     "compare_estimators": _check_comparison,
 }
 

@@ -5,6 +5,9 @@ Lengths in metres. `table` is the height of the table in the frame E.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from pathlib import Path
+
 import numpy as np
 
 from lis_grasp.world import Body, Surroundings
@@ -105,3 +108,34 @@ def block(
 ) -> Surroundings:
     """Return one box beside the built-in box, as `blocks` does."""
     return blocks(gap, (side,), mass=mass, table=table)
+
+
+def saved(surroundings: Surroundings, path: Path) -> Path:
+    """Write boxes as an SDF world, whose z = 0 is the table, and return its path."""
+    models = []
+    for body in surroundings:
+        (geometry,) = body.geometries
+        size, pose = _numbers(geometry.dimensions), [*body.X_EB[:3, 3], 0.0, 0.0, 0.0]
+        inertial = ""
+        if body.inertial is not None:
+            moments = dict(
+                zip(("ixx", "iyy", "izz"), np.diag(body.inertial.inertia_L), strict=True)
+            )
+            inertia = "".join(
+                f"<{name}>{float(value)!r}</{name}>" for name, value in moments.items()
+            )
+            mass = f"<mass>{body.inertial.mass}</mass>"
+            inertial = f"<inertial>{mass}<inertia>{inertia}</inertia></inertial>"
+        shape = f"<geometry><box><size>{size}</size></box></geometry>"
+        models.append(
+            f'<model name="{body.name}"><static>{str(body.is_fixed).lower()}</static>'
+            f"<pose>{_numbers(pose)}</pose>"
+            f'<link name="base">{inertial}<collision name="c">{shape}</collision></link></model>'
+        )
+    text = f'<sdf version="1.7"><world name="w">{"".join(models)}</world></sdf>'
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(repr(float(value)) for value in values)

@@ -28,9 +28,6 @@ Reaches = Callable[[Probe, ObstacleModel], str]
 
 NO_ROOM = "a fingertip has no room at the target"
 
-# Probes that are refused in a row, before no finger reaches anything new.
-_MOST_REFUSED = 60
-
 MOST_BLOCKED = 20
 """Probes that cannot be approached, before the search for one is given up."""
 
@@ -125,36 +122,40 @@ def _choose_between(
 ) -> NextProbe | str:
     """Return the next probe that a finger reaches between known bodies, or why there is none.
 
-    The probe begins and ends before these. After `MOST_BLOCKED` refusals the last probe is carried
-    out, as it may be reached from elsewhere; before the first motion it is the end.
+    The probe begins and ends before these. After `MOST_BLOCKED` refusals the next probe is carried
+    out as it is; twice in a row, or before the first motion, they are the end.
     """
     assert strategy.space is not None
-    policy, refused = strategy.policy, list[ProbeOutcome]()
+    radius, refused = strategy.space.tip_radius, list[ProbeOutcome]()
+    before, policy = state.maps.present.attempts, strategy.policy
     if isinstance(policy, AvoidingPolicy):
         policy = policy.avoiding(neighbours)
-    before = state.maps.present.attempts
     while True:
-        probe = policy.next_probe(
-            state.known, state.estimated, outcomes=[*before, *refused], rng=rng
-        )
+        outcomes = [*before, *refused]
+        probe = policy.next_probe(state.known, state.estimated, outcomes=outcomes, rng=rng)
         if probe is None:
             return f"the policy has no probe left{_not_found(strategy, state)}"
-        radius = strategy.space.tip_radius
         part = fitted(probe, neighbours, radius)
+        chosen = _planned(strategy, strategy.space, state, part or probe)
+        assert chosen.obstacles is not None
         if part is None:
             nearest = neighbours.nearest(probe.target[None] - radius * probe.direction)
             reason = f"{NO_ROOM}: {nearest} is in the way"
         else:
-            chosen = _planned(strategy, strategy.space, state, part)
-            assert chosen.obstacles is not None
             reason = "" if reaches is None else reaches(chosen.probe, chosen.obstacles)
-            if not reason or len(refused) >= MOST_BLOCKED:
-                return replace(chosen, refused=tuple(refused))
+        if reason and len(refused) == MOST_BLOCKED and _reached_nothing(state):
+            return f"{counted(MOST_BLOCKED, 'probe')} blocked: {reason}"
+        if not reason or len(refused) == MOST_BLOCKED:
+            return replace(chosen, refused=tuple(refused))
         refused.append(ProbeOutcome(probe, "blocked", reason=reason))
-        if len(refused) >= MOST_BLOCKED and all(o.status == "blocked" for o in state.outcomes):
-            return f"{counted(len(refused), 'probe')} blocked: {reason}"
-        if len(refused) >= _MOST_REFUSED:
-            return f"no probe is left that a finger reaches: {reason}"
+
+
+def _reached_nothing(state: ExplorationState) -> bool:
+    """Return whether no probe was carried out, or none was reached before the last one either."""
+    if all(outcome.status == "blocked" for outcome in state.outcomes):
+        return True
+    last = state.observations[-1]
+    return last.outcome.status == "blocked" and len(last.refused) >= MOST_BLOCKED
 
 
 def end(strategy: ExplorationStrategy, state: ExplorationState, reason: str) -> ExplorationState:

@@ -12,8 +12,13 @@ from pydantic import Field
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, InvalidInputError
+from lis_grasp.exploration.beside_rows import (
+    BodyTouchEntry,
+    RefusedEntry,
+    beside_rows,
+    with_rows,
+)
 from lis_grasp.exploration.disturbance import Disturbance
-from lis_grasp.exploration.neighbours import BodyTouch
 from lis_grasp.exploration.observations import Observation
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, ProbeStatus
@@ -146,7 +151,7 @@ def _row(probe: LoggedProbe) -> Row:
     contacts, hand_pose = outcome.contacts, outcome.hand_pose
     names = ("points", "normals", "forces", "fingers", "times")
     noise = {name: getattr(contacts, name) for name in ("position_noise", "normal_noise")}
-    row = _motion(outcome.probe)
+    row = {n: v for n, v in fields_of(outcome.probe).items() if n != "slides" or len(v)}
     row |= {name: getattr(outcome, name) for name in ("status", "reason", "duration", "moved")}
     row |= {name: getattr(contacts, name) for name in names}
     # None for a contact of unknown noise; absent if all are unknown.
@@ -156,23 +161,11 @@ def _row(probe: LoggedProbe) -> Row:
     row |= {"X_OH": None, "joint_positions": None} if hand_pose is None else fields_of(hand_pose)
     row |= {"dropped": observation.dropped} if len(observation.dropped) else {}
     row |= {"slid": outcome.slid} if outcome.slid else {}
-    row |= (
-        {"beside": [_plain(fields_of(t)) for t in observation.beside]} if observation.beside else {}
-    )
-    refused = [_plain({**_motion(o.probe), "reason": o.reason}) for o in observation.refused]
-    row |= {"refused": refused} if refused else {}
+    row |= beside_rows(observation)
     row |= {} if belief is None else {"tracked_pose": belief.as_dict()}
     row |= {} if probe.X_EO is None else {"simulated_pose": probe.X_EO}
     if probe.disturbance is not None:
         row |= {"disturbance": _disturbance_row(probe.disturbance)}
-    return _plain(row)
-
-
-def _motion(probe: Probe) -> Row:
-    return {n: v for n, v in fields_of(probe).items() if n != "slides" or len(v)}
-
-
-def _plain(row: Row) -> Row:
     return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in row.items()}
 
 
@@ -220,18 +213,8 @@ def _probe_of(row: TouchEntry) -> LoggedProbe:
     )
     tracked = row.tracked_pose
     belief = None if tracked is None else PoseBelief.from_dict(tracked.model_dump())
-    beside = tuple(
-        BodyTouch(one.body, np.array(one.point), np.array(one.normal)) for one in row.beside
-    )
-    refused = tuple(
-        ProbeOutcome(
-            Probe(np.array(one.target), np.array(one.direction), one.standoff, one.overshoot),
-            "blocked",
-            reason=one.reason,
-        )
-        for one in row.refused
-    )
-    observation = Observation(outcome, belief, _rows(row.dropped), beside, refused)
+    observation = Observation(outcome, belief, _rows(row.dropped))
+    observation = with_rows(observation, row.beside, row.refused)
     return LoggedProbe(observation, _array(row.simulated_pose), _disturbance_of(row.disturbance))
 
 
@@ -271,25 +254,6 @@ class DisturbanceEntry(FileRecord):
     contacts: dict[str, Annotated[int, Field(ge=0)]]
     forces: dict[str, Number]
     poses: dict[str, Pose]
-
-
-class BodyTouchEntry(FileRecord):
-    """A `BodyTouch`."""
-
-    body: str
-    point: Vector
-    normal: Vector
-
-
-class RefusedEntry(FileRecord):
-    """A probe that was refused."""
-
-    target: Vector
-    direction: Vector
-    standoff: Number
-    overshoot: Number
-    reason: str
-    slides: list[Vector] = Field(default_factory=list)
 
 
 class TouchEntry(FileRecord):

@@ -15,7 +15,7 @@ from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, make_pose, tangent_frame
-from lis_grasp.probing.bodies_beside import BodiesBeside
+from lis_grasp.probing.bodies_beside import POSE_SPACING, BodiesBeside
 from lis_grasp.records import Record
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import ProbePosture
@@ -23,8 +23,6 @@ from lis_grasp.typing import BoolArray, FloatArray
 
 # Rotations about the finger, +x, shape (8, 3, 3).
 _ROLLS = Rotation.from_rotvec(np.pi / 4.0 * np.arange(8)[:, None] * np.eye(3)[0]).as_matrix()
-# Spacing of the hand's poses along the approach; links are thicker [m].
-_POSE_SPACING = 0.01
 
 
 def _directions(*angles: float) -> FloatArray:
@@ -168,7 +166,7 @@ class ApproachPlanner:
                         continue
                 points = apply_pose(np.array([a.X_OH for a in rolled]), points_H)  # (R, P, 3)
                 for k in np.flatnonzero(~_collides(points, obstacles)):
-                    back = np.arange(_POSE_SPACING, distance + _POSE_SPACING, _POSE_SPACING)
+                    back = np.arange(POSE_SPACING, distance + POSE_SPACING, POSE_SPACING)
                     offsets = np.minimum(back, distance)[:, None, None] * axis  # (S, 1, 3)
                     if _collides(points[k] - offsets, obstacles).any():
                         continue
@@ -200,9 +198,9 @@ class ApproachPlanner:
 
         The motion beyond the target may end before a body.
         """
-        back = np.arange(-approach.distance, 0.0, _POSE_SPACING)[:, None] * approach.axis
+        back = np.arange(-approach.distance, 0.0, POSE_SPACING)[:, None] * approach.axis
         length = probe.standoff + min(probe.overshoot, _FARTHER)
-        ahead = np.append(np.arange(0.0, length, _POSE_SPACING), length)[:, None] * probe.direction
+        ahead = np.append(np.arange(0.0, length, POSE_SPACING), length)[:, None] * probe.direction
         path = np.repeat(approach.X_OH[None], len(back) + len(ahead), axis=0)
         path[:, :3, 3] += np.vstack([back, ahead])
         posture, outside = approach.posture, approach.X_OH_outside
@@ -219,8 +217,8 @@ class ApproachPlanner:
         """Return how near the links other than fingertips come to the estimate on the motion."""
         points = apply_pose(approach.X_OH, self._inner[approach.posture.finger])  # (P, 3)
         length = probe.standoff + min(probe.overshoot, _FARTHER)
-        ahead = np.append(np.arange(0.0, length, _POSE_SPACING), length)[:, None] * probe.direction
-        back = np.arange(_POSE_SPACING, approach.distance, _POSE_SPACING)[:, None] * approach.axis
+        ahead = np.append(np.arange(0.0, length, POSE_SPACING), length)[:, None] * probe.direction
+        back = np.arange(POSE_SPACING, approach.distance, POSE_SPACING)[:, None] * approach.axis
         return keep_out.nearness(points + np.vstack([ahead, -back])[:, None])
 
     def _reached(

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from lis_grasp.exploration.workspace import Workspace
-from lis_grasp.geometry import apply_pose
+from lis_grasp.geometry import AXES, apply_pose
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.link_bodies import balls_inside
@@ -16,14 +16,13 @@ from lis_grasp.robots.robot_model import ProbePosture
 from lis_grasp.typing import BoolArray, FloatArray
 from lis_grasp.world import Surroundings
 
-# Spacing of the hand's poses along a motion; links are thicker [m].
-_POSE_SPACING = 0.01
+POSE_SPACING = 0.01
+"""Spacing of the hand's poses along a motion; links are thicker [m]."""
+
 # A hand outside is this far above all bodies [m].
 _ABOVE = 0.02
 # Steps of a way that turns, and most places that are tried [m].
 _STEP, _MOST = 0.06, 400
-_LEVEL = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-_STEPS = np.vstack([np.eye(3), -np.eye(3)])
 
 
 class BodiesBeside:
@@ -64,7 +63,7 @@ class BodiesBeside:
         self, posture: ProbePosture, X_EH: FloatArray, direction: FloatArray, length: float
     ) -> float:
         """Return how far a hand moves along a direction before it hits a body, up to a length."""
-        steps = np.append(np.arange(0.0, length, _POSE_SPACING), length)
+        steps = np.append(np.arange(0.0, length, POSE_SPACING), length)
         for k, step in enumerate(steps):
             if self.hits(posture, _moved(X_EH, step * direction)[None]):
                 return float(steps[max(k - 1, 0)])
@@ -91,8 +90,7 @@ class BodiesBeside:
         up = np.array([0.0, 0.0, rise])
         if self._goes(posture, X_EH, up, free):
             return [X_EH, _moved(X_EH, up)]
-        aside = [back, *np.column_stack([_LEVEL, np.zeros(4)])]
-        for direction in aside:
+        for direction in [back, *AXES[AXES[:, 2] == 0.0]]:
             far = self._extent(posture) * direction
             around = _moved(X_EH, far)
             lifted = np.array([0.0, 0.0, max(self._rise(posture, around), 0.0)])
@@ -121,7 +119,7 @@ class BodiesBeside:
                     way.append(_moved(X_EH, _STEP * np.array(last)))
                     last = before[last]
                 return way[::-1]
-            for step in _STEPS:
+            for step in AXES.astype(int):
                 after = tuple(int(k) for k in np.array(at) + step)
                 if after in before or not self._goes(posture, here, _STEP * step, free):
                     continue
@@ -139,7 +137,7 @@ class BodiesBeside:
     ) -> bool:
         """Return whether a hand can move straight by a vector (3,) [m]."""
         length = float(np.linalg.norm(motion))
-        parts = np.linspace(0.0, 1.0, int(np.ceil(length / _POSE_SPACING)) + 1)[1:]
+        parts = np.linspace(0.0, 1.0, int(np.ceil(length / POSE_SPACING)) + 1)[1:]
         path = np.repeat(X_EH[None], len(parts), axis=0)
         path[:, :3, 3] += parts[:, None] * motion
         return not len(path) or (free(path) and not self.hits(posture, path))

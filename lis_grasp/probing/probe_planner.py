@@ -195,6 +195,14 @@ class ArmTransits:
                 ball = trimesh.creation.icosphere(subdivisions=2, radius=radius)
                 ball.apply_translation(space.center)
             # An object that is held in the air is touched without a table.
-            station = replace(self._station, table=None) if in_air else self._station
+            station = _without_table(self._station) if in_air else self._station
             self._planners[key] = TransitPlanner(station, ball)
         return self._planners[key]
+
+
+def _without_table(station: Station) -> Station:
+    """Return a station without its table; the bodies beside the object remain."""
+    table = station.table
+    if table is None or not len(table.surroundings):
+        return replace(station, table=None)
+    return replace(station, table=replace(table, height=-np.inf))

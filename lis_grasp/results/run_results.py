@@ -75,7 +75,7 @@ class Run:
         return f"<details><summary>{text}</summary>{frame}</details>"
 
     def png(self) -> bytes | None:
-        """Return a small picture of estimate, contacts and best grasp; None without any."""
+        """Return the picture of the run, as `Scene.png` does; None if it is empty."""
         from lis_grasp.visualization.still import Still
 
         path = self.folder / PICTURE

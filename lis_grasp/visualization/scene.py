@@ -222,10 +222,7 @@ class Scene:
         return build_page(self.title, canvas, overlay=overlay, content=content)
 
     def png(self) -> bytes:
-        """Return a small still picture of estimate, contacts and best grasp; truth alone if none.
-
-        It is 640 x 480 pixels on white; equal scenes give equal bytes.
-        """
+        """Return a picture of estimate, contacts and best grasp, 640 x 480; else of the truth."""
         is_known = self.estimate is not None or len(self.contacts) > 0
         return Still(
             solid=self.estimate if is_known else self.truth,

@@ -15,8 +15,9 @@ from lis_grasp.geometry import apply_pose
 from lis_grasp.typing import FloatArray
 from lis_grasp.world.surroundings import Surroundings
 
-OF_CONTACTS = 0.001
-"""Largest distance of a body's contact from its surface, beside the error of its place [m]."""
+# A body's contact is this far from its surface at most, beside the error of its place [m]; where
+# contacts are noisier, this many standard deviations.
+_OF_CONTACTS, _DEVIATIONS = 0.001, 4.0
 
 # A contact faces a body, and is the object's, if its normal comes nearer to the body by this
 # cosine.
@@ -30,9 +31,9 @@ class KnownBodies:
     """The bodies that the robot knows of, as a `Neighbours` of an exploration.
 
     A contact within a band of a body's believed surface is its: the band is the error of its place
-    and 1 mm. Where the contact's normal points at the body, it is the object's, which faces the
-    body. A contact corrects the believed place along its normal, by the posterior mean of a
-    Gaussian: the prior is level, with the variance of a uniform disc of the radius `error`.
+    and that of the contact. Where the contact's normal points at the body, it is the object's,
+    which faces the body. A contact corrects the believed place along its normal, by the posterior
+    mean of a Gaussian: the prior is level, with the variance of a uniform disc of radius `error`.
 
     Examples
     --------
@@ -61,7 +62,7 @@ class KnownBodies:
     @property
     def band(self) -> float:
         """Distance from a believed surface within which a contact is the body's [m]."""
-        return self.error + OF_CONTACTS
+        return self.error + max(_OF_CONTACTS, _DEVIATIONS * self.noise)
 
     def distances(self, points: FloatArray) -> FloatArray:
         """Return the signed distance (P,) of points (P, 3) from the nearest body [m]."""

@@ -174,6 +174,11 @@ class DynamicProber:
     def place_known(self, poses: Mapping[str, FloatArray]) -> None:
         """Place known bodies at believed poses (4, 4) in W, by their names."""
         self._motion.place_known(poses)
+        if self._station is not None and self._station.table is not None:
+            table = self._station.table
+            table = replace(table, surroundings=table.surroundings.placed(poses))
+            self._station = replace(self._station, table=table)
+            self._motion.place_station(self._station.in_frame(self._X_WE))
 
     def place_frame(self, X_WE: FloatArray) -> None:
         """Give later probes in a frame E with pose X_WE, shape (4, 4), in that of the first."""

@@ -38,7 +38,7 @@ _TABLE_MODULUS = 5e7  # [Pa], at most
 # light plates bounce by themselves, at times by centimetres; this is half of it.
 _STIFFNESS_LIMIT = 20.0
 _ON_TABLE = 5e-4  # [m] above an object's lowest point, as good as on the table
-_TABLE_DISSIPATION = 20.0  # [s/m], a thud, not a bounce
+TABLE_DISSIPATION = 20.0  # [s/m], a thud, not a bounce
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +196,7 @@ def _add_slab(
     size = max(_TABLE_SIZE, 2.0 * (float(np.abs(under.bounds[:, :2]).max()) + _TABLE_MARGIN))
     properties = ProximityProperties()
     AddContactMaterial(
-        dissipation=_TABLE_DISSIPATION,
+        dissipation=TABLE_DISSIPATION,
         friction=CoulombFriction(friction, friction),
         properties=properties,
     )

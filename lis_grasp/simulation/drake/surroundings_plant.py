@@ -30,7 +30,12 @@ from pydrake.systems.framework import Context
 
 from lis_grasp.robots.robot_model import LinkGeometry
 from lis_grasp.simulation.drake.link_plant import primitive_shape
-from lis_grasp.simulation.drake.object_plant import add_support, in_memory, spatial_inertia
+from lis_grasp.simulation.drake.object_plant import (
+    TABLE_DISSIPATION,
+    add_support,
+    in_memory,
+    spatial_inertia,
+)
 from lis_grasp.typing import FloatArray
 from lis_grasp.world import Body, Surroundings
 
@@ -38,7 +43,6 @@ Pusher = Literal["hand", "arm", "object"]
 """Who pushes a body."""
 
 _MODULUS = 5e6  # [Pa], of bodies beside the object
-_DISSIPATION = 20.0  # [s/m], a thud, not a bounce
 _SUNK = 1e-6  # [m] into the ground at the start, so that the first step finds contact
 _TOGETHER = 1e-3  # bodies that are no farther apart at the start [m] stand on or lean on each other
 
@@ -194,7 +198,7 @@ def _parts(geometry: LinkGeometry) -> Iterator[tuple[Shape, bool]]:
 def _properties(body: Body, compliant: bool) -> ProximityProperties:
     properties = ProximityProperties()
     friction = CoulombFriction(body.friction, body.friction)
-    AddContactMaterial(dissipation=_DISSIPATION, friction=friction, properties=properties)
+    AddContactMaterial(dissipation=TABLE_DISSIPATION, friction=friction, properties=properties)
     if compliant:
         finest = min(float(geometry.mesh.extents.min()) for geometry in body.geometries)
         AddCompliantHydroelasticProperties(
