@@ -6,6 +6,8 @@ import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import closing
+from copy import copy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,7 @@ from lis_grasp.logs._streams import (
     TimedPoses,
     Topic,
 )
-from lis_grasp.logs.reading import LogReading
+from lis_grasp.logs.reading import Clock, LogReading
 from lis_grasp.typing import FloatArray
 
 # Message types by what they contain, without package folders: geometry_msgs/msg/Wrench.
@@ -47,6 +49,7 @@ class BagLog:
 
     unused = ()
     reach = math.inf
+    unit_advice = "messages of ROS are in metres: scale their positions where they are written"
 
     def __init__(self, path: Path, reading: LogReading = LogReading()) -> None:
         """Open a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag.
@@ -210,11 +213,24 @@ class BagLog:
         if 2 * count <= len(times):
             return ""
         clocks = {"header": "stamp in the header", "recording": "time of recording"}
-        other = "recording" if self._reading.clock == "header" else "header"
+        other: Clock = "recording" if self._reading.clock == "header" else "header"
+        advice = f"give `clock` {other}"
+        if self._is_repeated(name, other):
+            advice = f"the {clocks[other]} repeats too: record with finer times"
         return (
             f"{count} of {len(times)} messages of {name} in {self._path} differ from another with"
-            f" the same {clocks[self._reading.clock]}: give `clock` {other}"
+            f" the same {clocks[self._reading.clock]}: {advice}"
         )
+
+    def _is_repeated(self, name: str, clock: Clock) -> bool:
+        """Return whether most times by a clock repeat, of a topic or else of all transforms."""
+        log = copy(self)
+        log._reading = replace(self._reading, clock=clock)
+        topics = [topic for topic in self.topics if topic.name == name]
+        if not topics and clock == "recording":  # a transform has a stamp of its own
+            topics = [topic for topic in self.topics if topic.content == "transforms"]
+        times = [time for each in topics for time, _ in log._messages(each.name, each.content)]
+        return 2 * len(set(times)) < len(times)
 
     def _messages(self, topic: str, content: Content) -> Iterator[tuple[float, Any]]:
         """Yield the time [s] and message of each message of a topic."""
