@@ -34,7 +34,7 @@ def main() -> None:
     print(f"touch: {exploration.summary()}")
     print(f"the contact nearest to a body is {1e3 * nearest:.0f} mm from it")
 
-    mesh = lg.extract_mesh(lg.estimate(contacts))
+    mesh = lg.extract_mesh(lg.estimate(contacts, support_height=0.0))
     mesh.export(output / "surface.ply")
     search = lg.plan(mesh, "wsg50", world=world, support_height=0.0)
     search.save(output / "grasps.json")

@@ -27,6 +27,7 @@ GUIDES = (
     "real-robot",
     "moveit",
     "unknown-place",
+    "world",
 )
 UNRUN = {"cluster", "second-simulator"}  # need a cluster, MuJoCo
 

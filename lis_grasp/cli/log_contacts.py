@@ -35,6 +35,7 @@ _FIELDS = tuple(
     for name in options_of(config)
     if (config, name) not in ((PatchDetection, "spacing"), (LogFrames, "object_frame"))
 )
+_OF_LOGS = ("force", "tip", "finger", "urdf", "xacro_args", "list")
 _FLAGS = {
     (TouchDetection, "threshold"): "force-threshold",
     (PatchDetection, "threshold"): "indentation",
@@ -96,6 +97,11 @@ def execute(options: argparse.Namespace) -> None:
     if options.log.suffix.lower() == ".npz":
         _write(options, _of_patches(options))
         return
+    _refuse(options, (PatchDetection,), "tactile patches")
+    for name in ("xacro_args", "joint_states") if options.urdf is None else ():
+        if value := getattr(options, name):
+            message = f"--{name.replace('_', '-')} needs a description: give --urdf"
+            raise InvalidOptionError(message, option=name, value=value)
     frames = _given(options, LogFrames, object_frame=_pose(options.object_frame))
     detection = _given(options, TouchDetection)
     reading = _given(options, LogReading)
@@ -126,11 +132,7 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _of_patches(options: argparse.Namespace) -> Contacts:
-    for name in ("force", "tip", "finger", "object_pose"):
-        if getattr(options, name) is not None:
-            flag = f"--{name.replace('_', '-')}"
-            message = f"{flag} is for robots' logs; {options.log} has tactile patches: leave it out"
-            raise InvalidOptionError(message, option=name)
+    _refuse(options, (LogReading, LogFrames, TouchDetection), "robots' logs", *_OF_LOGS)
     detection = _given(options, PatchDetection)
     with Stage(f"Reading {options.log}") as stage:
         patches = TactilePatches.load(options.log)
@@ -143,6 +145,19 @@ def _of_patches(options: argparse.Namespace) -> Contacts:
         raise InvalidInputError("no patch is pressed in far enough: give a lower --indentation")
     X_FO = _pose(options.object_frame)
     return contacts if X_FO is None else contacts.in_frame(X_FO)
+
+
+def _refuse(
+    options: argparse.Namespace, configs: tuple[type, ...], users: str, *others: str
+) -> None:
+    """Raise `InvalidOptionError` for an option that the kind of file does not use."""
+    names = [_FLAGS.get(field, field[1]) for field in _FIELDS if field[0] in configs]
+    for name in (*names, *others):
+        value = getattr(options, name.replace("-", "_"))
+        if value not in (None, (), False) and name != "spacing":
+            flag = f"--{name.replace('_', '-')}"
+            message = f"{flag} is for {users}; {options.log} is none: leave it out"
+            raise InvalidOptionError(message, option=name, value=value)
 
 
 def _given(options: argparse.Namespace, config: Callable[..., _Config], **values: Any) -> _Config:

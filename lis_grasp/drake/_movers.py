@@ -53,7 +53,7 @@ class FreeMover:
         known: trimesh.Trimesh | None = None,
     ) -> None:
         self._hand, self._planner, self._speed = hand, planner, probe_speed
-        self._known = None if known is None else KnownBodies(hand, known, home[1][None])
+        self._known = None if known is None else BodiesToAvoid(hand, known, home[1][None])
         self._X_WE = X_WE.GetAsMatrix4()
         self._home = home
         self._levers = by_joint_kind(hand, revolute=LEVER, prismatic=1.0)
@@ -135,14 +135,14 @@ class FreeMover:
         )
 
 
-class KnownBodies:
+class BodiesToAvoid:
     """Known bodies, a mesh [m] in E that may be open, which a hand in postures (N, J) avoids."""
 
     def __init__(self, hand: Hand, mesh: trimesh.Trimesh, postures: FloatArray) -> None:
         self.top = float(mesh.bounds[1, 2])
         self._checker, self._postures = HandCollisionChecker(hand, obstacles=mesh), postures
 
-    def in_postures(self, postures: FloatArray) -> KnownBodies:
+    def in_postures(self, postures: FloatArray) -> BodiesToAvoid:
         """Return the same for other postures."""
         other = copy(self)
         other._postures = postures
@@ -159,7 +159,7 @@ def transit(
     Y: FloatArray,
     points_H: FloatArray,
     space: Workspace,
-    known: KnownBodies | None = None,
+    known: BodiesToAvoid | None = None,
 ) -> list[FloatArray] | None:
     """Return palm poses (4, 4) from X to Y around an object's ball; None if there is no path.
 

@@ -60,7 +60,9 @@ class BodyClearance:
         self._object = _Group([LinkGeometry("object", np.eye(4), "mesh", (), mesh)])
         self._object.place(np.eye(4)[None])
         self._hull = np.asarray(mesh.convex_hull.vertices)
-        self._floor = support_height
+        # An estimate may reach below its support: that is its error, and not carried into anything.
+        lowest = float(mesh.bounds[0, 2])
+        self._floor = None if support_height is None else min(support_height, lowest)
 
     def hit_by_hand(self, path: FloatArray, q: FloatArray) -> str | None:
         """Return the body that a hand with joints q (J,) hits on a path (W, 4, 4) of its palm."""

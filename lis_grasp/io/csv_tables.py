@@ -89,7 +89,7 @@ def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
         rows = _cells(lines[1:], lines[0])
     if all(map(_is_number, header)):
         raise InvalidFileError(
-            f"{path} must begin with a row that names its columns, such as x,y,z,nx,ny,nz; it"
+            f"{path} must begin with a row that names its columns, such as x,y,z; it"
             f" begins with numbers: {lines[0][:60]}",
             path=path,
         )

@@ -76,7 +76,10 @@ def align(log: RobotLog, finger: Finger, frames: LogFrames) -> AlignedLog:
     valid = np.all(np.abs(measured.forces) < LARGEST_NUMBER, axis=1)  # False for NaN
     valid &= np.isfinite(measured.times)
     if not valid.any():
-        raise InvalidInputError("the topic of the force has no messages: choose another")
+        raise InvalidInputError(
+            f"the force must have numbers; {topic} has none: choose another by `force`, or record"
+            " it again"
+        )
     measured = replace(measured, times=measured.times[valid], forces=measured.forces[valid])
     times = measured.times
     base, X_PT, tip = _pose_of(log, finger.tip, frames, times, "tip")
@@ -123,9 +126,19 @@ def choose_topic(log: RobotLog, content: Content, given: str | None, option: str
             )
         return given
     others = [name for name in names if name not in but]
+    if not others:
+        ways = (
+            "record one, or give `urdf` and a link of it by `tip`"
+            if option == "tip"
+            else "record one"
+        )
+        raise InvalidInputError(
+            f"the log must have a topic of content '{content}' for `{option}`; it has"
+            f" {known}: {ways}"
+        )
     if len(others) != 1:
         raise InvalidInputError(
-            f"the log has {len(others) or 'no'} topics of content '{content}' to choose from"
+            f"the log has {len(others)} topics of content '{content}' to choose from"
             f" ({known}): choose one by `{option}`"
         )
     return others[0]

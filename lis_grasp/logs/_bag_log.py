@@ -6,6 +6,8 @@ import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import closing
+from copy import copy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,7 @@ from lis_grasp.logs._streams import (
     TimedPoses,
     Topic,
 )
-from lis_grasp.logs.reading import LogReading
+from lis_grasp.logs.reading import Clock, LogReading
 from lis_grasp.typing import FloatArray
 
 # Message types by what they contain, without package folders: geometry_msgs/msg/Wrench.
@@ -47,6 +49,7 @@ class BagLog:
 
     unused = ()
     reach = math.inf
+    unit_advice = "messages of ROS are in metres: scale their positions where they are written"
 
     def __init__(self, path: Path, reading: LogReading = LogReading()) -> None:
         """Open a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag.
@@ -108,7 +111,7 @@ class BagLog:
             if topic.content == "transforms":
                 for time, message in self._messages(topic.name, "transforms"):
                     for transform in message.transforms:
-                        pair = _frame(transform), transform.child_frame_id.lstrip("/")
+                        pair = _ends(transform)
                         sample = [self._time(transform, time), *_pose(transform)]
                         if topic.name.endswith("tf_static"):  # the last one is valid at all times
                             samples[pair] = [sample]
@@ -210,11 +213,33 @@ class BagLog:
         if 2 * count <= len(times):
             return ""
         clocks = {"header": "stamp in the header", "recording": "time of recording"}
-        other = "recording" if self._reading.clock == "header" else "header"
+        other: Clock = "recording" if self._reading.clock == "header" else "header"
+        advice = f"give `clock` {other}"
+        if self._is_repeated(name, other):
+            advice = f"the {clocks[other]} repeats too: record with finer times"
         return (
             f"{count} of {len(times)} messages of {name} in {self._path} differ from another with"
-            f" the same {clocks[self._reading.clock]}: give `clock` {other}"
+            f" the same {clocks[self._reading.clock]}: {advice}"
         )
+
+    def _is_repeated(self, name: str, clock: Clock) -> bool:
+        """Return whether most times by a clock repeat, of a topic or of a transform."""
+        log = copy(self)
+        log._reading = replace(self._reading, clock=clock)
+        content = {topic.name: topic.content for topic in self.topics}.get(name, "transforms")
+        if content != "transforms":
+            times = [time for time, _ in log._messages(name, content)]
+        elif clock == "header":  # a transform has a stamp of its own
+            return False
+        else:
+            times = [
+                time
+                for topic in self.topics
+                if topic.content == "transforms"
+                for time, message in log._messages(topic.name, "transforms")
+                if any(" to ".join(_ends(each)) == name for each in message.transforms)
+            ]
+        return 2 * len(set(times)) < len(times)
 
     def _messages(self, topic: str, content: Content) -> Iterator[tuple[float, Any]]:
         """Yield the time [s] and message of each message of a topic."""
@@ -267,6 +292,11 @@ def _short(kind: str) -> str:
 def _frame(message: Any) -> str:
     header = getattr(message, "header", None)
     return "" if header is None else str(header.frame_id).lstrip("/")
+
+
+def _ends(transform: Any) -> tuple[str, str]:
+    """Return the parent and the child frame of a transform."""
+    return _frame(transform), transform.child_frame_id.lstrip("/")
 
 
 def _stamp(message: Any) -> float:

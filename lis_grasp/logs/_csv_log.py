@@ -21,7 +21,14 @@ from lis_grasp.io.csv_tables import (
     read_table,
     without_unit,
 )
-from lis_grasp.logs._column_names import FORCES, JOINT_ARRAYS, POINT, Orientation, array_element
+from lis_grasp.logs._column_names import (
+    FORCES,
+    JOINT_ARRAYS,
+    POINT,
+    TIME,
+    Orientation,
+    array_element,
+)
 from lis_grasp.logs._columns import read_columns
 from lis_grasp.logs._orientations import Turns, find_turns, form_of, quaternions_of
 from lis_grasp.logs._streams import (
@@ -43,6 +50,7 @@ class CsvLog:
     """Forces and poses of a CSV table: the topics `force`, `tip` and, if it is there, `object`."""
 
     reach = math.inf
+    unit_advice = "if its positions are in millimetres, name the columns x_mm,y_mm,z_mm"
 
     def __init__(
         self, path: Path, *, posed: bool = True, reading: LogReading = LogReading()
@@ -62,7 +70,8 @@ class CsvLog:
                 f" {path} has {', '.join(read_table(path)[0])}",
                 path=path,
             )
-        self._times = _in_order(path, columns.values["", "time"])
+        title = columns.titles["", "time"]
+        self._times = _in_order(path, columns.values["", "time"], title)
         self._require_order()
         count = len(self._times)
         self._turns: dict[str, Turns | None] = {}
@@ -187,7 +196,7 @@ def _joints_of(text: str, names: Collection[str]) -> set[str]:
     return found if len(found) == 1 else set()
 
 
-def _in_order(path: Path, times: FloatArray) -> FloatArray:
+def _in_order(path: Path, times: FloatArray, title: str) -> FloatArray:
     """Return the times of rows; those that repeat a time are spread, in order, up to the next one.
 
     Raises `InvalidFileError` if all times are equal, or rows are too far apart to interpolate
@@ -206,7 +215,8 @@ def _in_order(path: Path, times: FloatArray) -> FloatArray:
     step = float(np.median(steps)) if len(steps) else 0.0
     if step > LONGEST_GAP:
         units = [u for u, s in SECONDS.items() if _LEAST_STEP <= step * s <= LONGEST_GAP]
-        advice = f"if they are {units[0]}, name the column time_{units[0]}"
+        units = units if title in TIME and title != "%time" else []  # no unit is stated
+        advice = f"if they are {units[0]}, name the column time_{units[0]}" if units else ""
         if not units or 2 * repeated > int(known.sum()):
             rows = f"{repeated} of {int(known.sum())} rows repeat a time" if repeated else ""
             advice = f"{rows}: give finer times" if rows else "log faster"

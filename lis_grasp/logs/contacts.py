@@ -48,10 +48,9 @@ def contacts_from_log(
         )
     contacts = contacts_of_touches(touches, detection)
     centers = np.concatenate([touch.centers for touch in touches])
-    advice = "if its positions are in millimetres, name the columns x_mm,y_mm,z_mm"
     moves = frames.object_pose is not None
     offset = float(np.linalg.norm(frames.tip_offset))
-    require_places(centers, advice, np.inf if moves else log.reach + offset)
+    require_places(centers, log.unit_advice, np.inf if moves else log.reach + offset)
     if not moves:
         question_object(log, touches)
     return contacts, touches

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.exceptions import InvalidInputError, note
+from lis_grasp.exceptions import InvalidInputError, listed, note
 from lis_grasp.logs._column_names import COMMANDS
 from lis_grasp.logs.readers import (
     FrameTree,
@@ -76,6 +76,8 @@ def with_link_frames(
         for joint in moving
         if joint.leader == joint.joint.name
     }
+    if reading.angles == "deg":
+        _question_degrees(tracks, {joint.joint.name: joint.joint for joint in moving})
     _question_commands(tracks, log.other_joints(tuple(tracks)))
     frames, unknown = {}, {}
     for joint in joints:
@@ -141,6 +143,21 @@ def _one_track(
     if reading.angles is None and (reason := _beyond_limits(joint, positions)):
         return reason
     return JointSeries(sources[0], times[order], positions)
+
+
+def _question_degrees(tracks: Mapping[str, JointSeries | str], joints: Mapping[str, Any]) -> None:
+    """Note that positions taken as degrees would be within the limits in rad as well."""
+    turning = {
+        name: np.degrees(track.positions)
+        for name, track in tracks.items()
+        if not isinstance(track, str) and joints[name].type == "revolute"
+    }
+    if turning and not any(_beyond_limits(joints[name], q) for name, q in turning.items()):
+        farthest = max(float(np.nanmax(np.abs(q))) for q in turning.values())
+        note(
+            f"positions of {listed(sorted(turning))} reach {farthest:.3g}, within their limits in"
+            " rad as well: give `angles` deg only if they are in degrees"
+        )
 
 
 def _question_commands(
@@ -233,6 +250,10 @@ class _LogWithLinks(RobotLog):
     tree: FrameTree
     base: str
     reach: float
+
+    @property
+    def unit_advice(self) -> str:  # type: ignore[override]
+        return self.log.unit_advice
 
     @property
     def topics(self) -> tuple[Topic, ...]:  # type: ignore[override]

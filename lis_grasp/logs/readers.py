@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol
 
-from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.io.content_kinds import named_by_content
 from lis_grasp.logs._bag_log import BagLog
 from lis_grasp.logs._csv_log import CsvLog
@@ -62,6 +62,11 @@ class RobotLog(Protocol):
         """Return the log with other meanings of the tip's topic, by the advice to take it so."""
 
     @property
+    def unit_advice(self) -> str:
+        """What to do if positions are not in metres."""
+        ...
+
+    @property
     def reach(self) -> float:
         """Largest distance of a link from the robot's base [m]; infinite if it is not known."""
         ...
@@ -76,13 +81,14 @@ def open_log(path: Path, *, posed: bool = True, reading: LogReading = LogReading
     Raises
     ------
     InvalidInputError
-        If a package is missing that reads the format.
+        If a package is missing that reads the format, or it has no use for an option given.
     InvalidFileError
         If the file is missing, damaged, or of another format.
     """
     if not path.exists():
         raise InvalidFileError(f"cannot read {path}: no such file or folder", path=path)
     ending = path.suffix.lower()
+    _require_used(path, ending == ".csv", reading)
     if ending == ".csv":
         return CsvLog(path, posed=posed, reading=reading)
     if path.is_dir() or ending in (".bag", ".mcap", ".db3"):
@@ -93,3 +99,17 @@ def open_log(path: Path, *, posed: bool = True, reading: LogReading = LogReading
         f" .npz; {path} is none of these",
         path=path,
     )
+
+
+def _require_used(path: Path, is_table: bool, reading: LogReading) -> None:
+    """Raise `InvalidOptionError` for an option that tables, or else bags, have no use for."""
+    usual = LogReading()
+    for name in ("clock", "joint_states") if is_table else ("orientation",):
+        value = getattr(reading, name)
+        if value != getattr(usual, name):
+            kinds = ("a table", "bags") if is_table else ("a bag", "tables")
+            raise InvalidOptionError(
+                f"`{name}` is for {kinds[1]}; {path} is {kinds[0]}: leave it out",
+                option=name,
+                value=value,
+            )

@@ -95,12 +95,16 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
 
 
 def _beside(facts: Mapping[str, Any], probes: tuple[LoggedProbe, ...] | None) -> Surroundings:
-    """Return the bodies beside the object in the frame of the contacts."""
+    """Return the bodies beside the object, where touches left them, in the frame of the contacts.
+
+    The robot's error about their places is left out: the page shows the truth.
+    """
     height = float(facts.get("support_height") or 0.0)
     in_W = find_surroundings(Task.from_facts({}, facts), height)
-    if probes:
-        return in_W.in_frame(_frame(probes))
-    return in_W.in_frame(require_pose("X_WE", facts.get("X_WE", np.eye(4))))
+    if not probes:
+        return in_W.in_frame(require_pose("X_WE", facts.get("X_WE", np.eye(4))))
+    pushed = [probe.disturbance.poses for probe in probes if probe.disturbance is not None]
+    return in_W.placed(pushed[-1] if pushed else {}).in_frame(_frame(probes))
 
 
 def _frame(probes: tuple[LoggedProbe, ...] | None) -> FloatArray:

@@ -31,6 +31,7 @@ from lis_grasp_studies.evaluation.exploration import EXPLORATION, ExplorationTri
 from lis_grasp_studies.evaluation.grasp_parts import GraspsPart, SimulatorsPart
 from lis_grasp_studies.evaluation.grasp_tables import ALL, REFERENCE, SUBJECT
 from lis_grasp_studies.evaluation.part import Part, Places, SeedsPart, group_of, interleaved
+from lis_grasp_studies.evaluation.worlds import WorldsPart
 from lis_grasp_studies.figures.palette import estimator_label
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.page import Picture
@@ -253,6 +254,7 @@ AnyPart = (
     | CommandsPart
     | ServicePart
     | FitsPart
+    | WorldsPart
 )
 
 KINDS: Mapping[str, type[Part]] = {

@@ -15,7 +15,7 @@ from pydrake.systems.primitives import ConstantValueSource
 from lis_grasp import Body, Contacts, Hand, Surroundings, shapes
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.drake import GraspPlanner, HapticExplorer, add_hand, surroundings_of
-from lis_grasp.drake._movers import KnownBodies, transit
+from lis_grasp.drake._movers import BodiesToAvoid, transit
 from lis_grasp.drake.surface_estimator import Estimate
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Workspace
@@ -87,8 +87,8 @@ def test_a_transit_leads_over_a_wall_and_not_into_a_body() -> None:
     q = next(iter(WSG50.probe_postures.values())).joint_positions
     points = ProbePlanner(WSG50).points(q)
 
-    def beside(body: Body) -> KnownBodies:
-        return KnownBodies(WSG50, body.mesh, q[None])
+    def beside(body: Body) -> BodiesToAvoid:
+        return BodiesToAvoid(WSG50, body.mesh, q[None])
 
     low = Body.box("low", (0.02, 2.0, 0.22), (0.35, 0.0, 0.11))
     straight = transit(X, Y, points, SPACE)

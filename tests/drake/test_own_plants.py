@@ -112,11 +112,13 @@ def felt_in_slot(
     ("properties", "default", "method"),
     [(COMPLIANT, "undefined", "hull"), ("", "compliant", "hull"), ("", "undefined", "points")],
 )
+@pytest.mark.parametrize("time_step", [STEP, 0.0])
 def test_contact_with_the_hull_of_a_mesh_is_named(
-    tmp_path: Path, properties: str, default: str, method: str
+    tmp_path: Path, properties: str, default: str, method: str, time_step: float
 ) -> None:
     # 40 mm above the slot's floor, in the middle of free space.
-    felt, named = felt_in_slot(channel(tmp_path, properties), 0.0595, default=default)
+    path = channel(tmp_path, properties)
+    felt, named = felt_in_slot(path, 0.0595, default=default, time_step=time_step)
     assert len(felt)
     assert {(w.link, w.body, w.method) for w in named} == {
         (f"hand::{link}", "u::u", method) for link in set(felt.fingers)

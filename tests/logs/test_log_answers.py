@@ -11,9 +11,15 @@ import pytest
 from logs.test_log_doubts import NO_TURN, OBJECT, table_of, turns_of
 from logs.test_log_touches import TOUCH, assert_true, robot_of
 from scipy.spatial.transform import Rotation
-from touch_recording import Recording, record, write_bag
+from touch_recording import Recording, record, write_bag, write_csv
 
-from lis_grasp.exceptions import InvalidFileError, InvalidInputError, LisGraspWarning
+from lis_grasp.cli.main import main
+from lis_grasp.exceptions import (
+    InvalidFileError,
+    InvalidInputError,
+    InvalidOptionError,
+    LisGraspWarning,
+)
 from lis_grasp.logs import Finger, LogFrames, LogReading, contacts_from_log, open_log
 from lis_grasp.logs._doubts import require_places
 from lis_grasp.logs.joint_frames import with_link_frames
@@ -227,3 +233,89 @@ def test_the_reach_of_a_robot_bounds_the_distance_of_contacts(tmp_path: Path) ->
     with pytest.raises(InvalidInputError, match="0.5 m of each other"):
         require_places(np.array([[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]]), "check", reach=0.25)
     require_places(np.array([[0.0, 0.0, 0.0], [0.4, 0.0, 0.0]]), "check", reach=0.25)
+
+
+def test_degrees_that_fit_the_limits_as_radians_are_said(
+    recording: Recording, tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags")
+    urdf, joints = robot_of(recording, tmp_path)
+    log = open_log(write_bag(recording, tmp_path / "bag", "mcap", joints=joints))
+    with pytest.warns(LisGraspWarning, match="within their limits"):
+        with_link_frames(log, urdf, LogReading(angles="deg"))
+
+
+def test_advice_fits_the_log_that_it_is_given_for(recording: Recording, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    far = replace(recording, X_WT=recording.X_WT * ([1e3] * 3 + [1.0] * 4))
+    table = open_log(write_csv(far, tmp_path / "log.csv"))
+    bag = open_log(write_bag(far, tmp_path / "bag", "mcap"))
+    for log, tip, has_columns in ((table, "tip", True), (bag, "/tip_pose", False)):
+        with pytest.raises(InvalidInputError) as error:
+            contacts_from_log(log, [Finger(tip=tip)], LogFrames(), TOUCH)
+        assert ("x_mm" in str(error.value)) == has_columns
+    # A column that states its unit is in no other one.
+    slow = recording.times[0] + 60.0 * (recording.times - recording.times[0])
+    for name, proposed in (("time", True), ("time_s", False)):
+        with pytest.raises(InvalidFileError) as refused:
+            open_log(table_of(recording, tmp_path / "slow.csv", **{"time": None, name: slow}))
+        assert ("time_ms" in str(refused.value)) == proposed
+    # A joint in two columns, and a log without poses: neither has topics to choose from.
+    urdf, joints = robot_of(recording, tmp_path)
+    columns = {name: values for name, values in joints.items() if name != "along_x"}
+    columns |= {f"{side}/along_x": joints["along_x"] for side in "ab"}
+    path = table_of(recording, tmp_path / "two.csv", **columns)
+    log = with_link_frames(open_log(path), urdf)
+    with pytest.raises(InvalidInputError, match="keep one column"):
+        contacts_from_log(log, [Finger(tip="after_along_x")], LogFrames(), TOUCH)
+    lonely = open_log(write_bag(recording, tmp_path / "joints", "mcap", joints=joints))
+    with pytest.raises(InvalidInputError, match="`urdf`"):
+        contacts_from_log(lonely, [Finger()], LogFrames(object_pose="/object"), TOUCH)
+
+
+def test_stamps_that_repeat_by_both_clocks_are_not_sent_to_the_other(
+    recording: Recording, tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags")
+    whole = replace(recording, times=np.floor(recording.times))
+    path = write_bag(whole, tmp_path / "bag", "mcap")
+    with pytest.raises(InvalidInputError) as error:
+        contacts_from_log(open_log(path), [Finger()], LogFrames(object_pose="/object"), TOUCH)
+    assert "`clock`" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "reading", "option"),
+    [
+        ("csv", LogReading(clock="recording"), "clock"),
+        ("csv", LogReading(joint_states=("/joint_states",)), "joint_states"),
+        ("bag", LogReading(orientation="wxyz"), "orientation"),
+    ],
+)
+def test_an_option_that_a_log_has_no_use_for_is_refused(
+    kind: str, reading: LogReading, option: str, tmp_path: Path
+) -> None:
+    path = tmp_path / f"log.{kind}"
+    path.touch()
+    with pytest.raises(InvalidOptionError) as error:
+        open_log(path, reading=reading)
+    assert (error.value.option, error.value.value) == (option, getattr(reading, option))
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("log.npz", "--tare 1"),
+        ("log.npz", "--urdf r.urdf"),
+        ("log.npz", "--list"),
+        ("log.csv", "--indentation 0.001"),
+        ("log.csv", "--xacro-args a:=b"),
+        ("log.csv", "--joint-states /joint_states"),
+    ],
+)
+def test_an_option_of_another_kind_of_file_is_refused(
+    name: str, given: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / name).touch()
+    assert main(["contacts", str(tmp_path / name), *given.split()]) == 2
+    assert given.split()[0] in capsys.readouterr().err

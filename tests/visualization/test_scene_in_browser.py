@@ -18,6 +18,7 @@ from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.visualization import Scene
 from lis_grasp.visualization._story import Story
 from lis_grasp.visualization.colours import VIRIDIS, srgb
+from lis_grasp.world import Body, Surroundings
 
 pytestmark = [
     pytest.mark.slow,
@@ -401,3 +402,29 @@ def test_pages_of_one_thing_alone_draw_it(browser: Browser, tmp_path: Path) -> N
     for name, (scene, hue) in alone.items():
         (tmp_path / name).mkdir()
         assert _share(_look(browser, _write(scene, tmp_path / name), ""), hue) > 0.001
+
+
+MAUVE = (305.0, 335.0)  # of free bodies
+
+
+def test_bodies_beside_the_object_are_glass_with_layers_of_their_own(
+    browser: Browser, tmp_path: Path
+) -> None:
+    """The hand is as dark behind a body as without it; each layer can be hidden."""
+    crate = Body.box("crate", (0.08, 0.08, 0.12), (0.12, 0.0, 0.0), mass=0.2)
+    walls = [Body.box(f"wall {y}", (0.5, 0.01, 0.3), (0.0, y, 0.1)) for y in (-0.15, 0.15)]
+    page = tmp_path / "beside.html"
+    replace(scenes.scene(), surroundings=Surroundings((crate, *walls))).save(page)
+    at = f"{page.as_uri()}#t={GRASP.end}&panel=0&zoom=0.6&layers=hand,grasp-1"
+    pictures = {}
+    for layers in ("", ",surroundings", ",free-bodies"):
+        browser.open(at + layers, (1280, 800))
+        pictures[layers] = browser.picture()
+    assert not browser.complaints
+    alone, walled, crated = pictures.values()
+    assert _share(alone, MAUVE, 0.05) < 1e-4
+    assert _share(crated, MAUVE, 0.05) > 5e-4  # over the table the glass has the table's hue
+    assert _share(walled, MAUVE, 0.05) < 1e-4
+    changed = np.abs(walled - alone).max(axis=2) > 0.02
+    assert changed.mean() > 0.05  # the walls are drawn
+    assert _dark(walled) > 0.5 * _dark(alone)  # and the hand is seen through them

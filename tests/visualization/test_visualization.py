@@ -64,11 +64,19 @@ def test_page_draws_every_layer_it_offers() -> None:
         assert f"/lis_grasp/{path}" in drawn
 
 
-def test_other_bodies_are_a_layer_that_is_drawn() -> None:
-    beside = Surroundings((Body.of_mesh("crate", trimesh.creation.box()),))
+def test_fixed_and_free_bodies_are_layers_that_are_drawn_and_named() -> None:
+    beside = Surroundings(
+        (
+            Body.of_mesh("crate", trimesh.creation.box()),
+            Body.box("cup", (0.1, 0.1, 0.1), (1.0, 0.0, 0.0), mass=0.1),
+        )
+    )
     page = replace(scenes.scene(), surroundings=beside).html()
-    assert "surroundings" in [layer["id"] for layer in scenes.facts_of(page)["layers"]]
-    assert any(command["path"].endswith("/surroundings") for command in _commands(page))
+    layers = {layer["id"]: layer for layer in scenes.facts_of(page)["layers"]}
+    assert (layers["surroundings"]["note"], layers["free-bodies"]["note"]) == ("crate", "cup")
+    assert layers["surroundings"]["colour"] != layers["free-bodies"]["colour"]
+    drawn = {command["path"] for command in _commands(page) if command["type"] == "set_object"}
+    assert {"/lis_grasp/surroundings/0", "/lis_grasp/free-bodies/0"} <= drawn
 
 
 def test_the_page_has_the_five_best_grasps() -> None:
