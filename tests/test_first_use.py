@@ -134,6 +134,7 @@ def test_a_seed_stands_for_a_generator(gripper: Hand, box: trimesh.Trimesh) -> N
     np.testing.assert_array_equal(first.best.pose, third.best.pose)
 
 
+@pytest.mark.slow
 def test_a_plan_is_that_of_the_pipeline(gripper: Hand, box: trimesh.Trimesh) -> None:
     config = RunConfig(object="object", friction=0.5, grasps=1, seed=3)
     known = Agent.of(config, -0.03, hand=gripper)

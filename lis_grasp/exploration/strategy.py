@@ -166,7 +166,8 @@ def end(strategy: ExplorationStrategy, state: ExplorationState, reason: str) -> 
     refused = [o for e in state.maps.present.entries for o in e.observation.refused]
     if refused and strategy.space is not None:
         sides = unreached(state.contacts, refused, strategy.space.fitted_to(state.contacts))
-        reason += f"; no finger reaches {listed(sides)}" if sides else ""
+        note = f"; no finger reaches {listed(sides)}" if sides else ""
+        reason = reason.removesuffix(note) + note  # it may be a recorded one
     if not isinstance(strategy.space, Region) or len(state.prior):
         return replace(state, ended=reason)
     space = strategy.space.fitted_to(state.contacts)

@@ -111,7 +111,7 @@ class BagLog:
             if topic.content == "transforms":
                 for time, message in self._messages(topic.name, "transforms"):
                     for transform in message.transforms:
-                        pair = _frame(transform), transform.child_frame_id.lstrip("/")
+                        pair = _ends(transform)
                         sample = [self._time(transform, time), *_pose(transform)]
                         if topic.name.endswith("tf_static"):  # the last one is valid at all times
                             samples[pair] = [sample]
@@ -223,13 +223,22 @@ class BagLog:
         )
 
     def _is_repeated(self, name: str, clock: Clock) -> bool:
-        """Return whether most times by a clock repeat, of a topic or else of all transforms."""
+        """Return whether most times by a clock repeat, of a topic or of a transform."""
         log = copy(self)
         log._reading = replace(self._reading, clock=clock)
-        topics = [topic for topic in self.topics if topic.name == name]
-        if not topics and clock == "recording":  # a transform has a stamp of its own
-            topics = [topic for topic in self.topics if topic.content == "transforms"]
-        times = [time for each in topics for time, _ in log._messages(each.name, each.content)]
+        content = {topic.name: topic.content for topic in self.topics}.get(name, "transforms")
+        if content != "transforms":
+            times = [time for time, _ in log._messages(name, content)]
+        elif clock == "header":  # a transform has a stamp of its own
+            return False
+        else:
+            times = [
+                time
+                for topic in self.topics
+                if topic.content == "transforms"
+                for time, message in log._messages(topic.name, "transforms")
+                if any(" to ".join(_ends(each)) == name for each in message.transforms)
+            ]
         return 2 * len(set(times)) < len(times)
 
     def _messages(self, topic: str, content: Content) -> Iterator[tuple[float, Any]]:
@@ -283,6 +292,11 @@ def _short(kind: str) -> str:
 def _frame(message: Any) -> str:
     header = getattr(message, "header", None)
     return "" if header is None else str(header.frame_id).lstrip("/")
+
+
+def _ends(transform: Any) -> tuple[str, str]:
+    """Return the parent and the child frame of a transform."""
+    return _frame(transform), transform.child_frame_id.lstrip("/")
 
 
 def _stamp(message: Any) -> float:

@@ -107,7 +107,8 @@ def lifting_of(path: Path, options: Mapping[str, Any], progress: Progress) -> Li
     poses = {**recorded, "X_EA": recorded_base(options, recorded)}
     scenario = Scenario.from_config(task, recorded=poses)
     say_repairs(scenario.truth.shape, progress)
-    require_simulator(task.world.simulator, scenario.truth.shape)
+    truth = scenario.truth
+    require_simulator(task.world.simulator, truth.shape, truth.surroundings)
     surface = path.with_name("surface.ply")
     agent = scenario.agent
     avoided = (agent.station is not None or len(agent.surroundings)) and surface.exists()

@@ -24,5 +24,6 @@ def prepared(task: Task, progress: Progress) -> Scenario:
     scenario = Scenario.from_config(task)
     say_object(scenario, progress)
     require_possible_inertias(scenario.agent.hand)
-    require_simulator(task.world.simulator, scenario.truth.shape)
+    truth = scenario.truth
+    require_simulator(task.world.simulator, truth.shape, truth.surroundings)
     return scenario

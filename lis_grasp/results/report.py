@@ -80,6 +80,8 @@ def exploration_facts(
         "seconds": exploration.duration,
         "search": _search_facts(exploration) if isinstance(agent.space, Region) else None,
         "motion": motion_facts(scenario, exploration),
+        # Contacts that were given to known bodies beside the object, by their names.
+        **({"attributed": dict(exploration.touched_beside)} if len(agent.surroundings) else {}),
         "covered_radius": radius,
         "reachable_coverage": reachable_coverage(
             truth.mesh,

@@ -72,7 +72,7 @@ def hand_mjcf(
     for number, geometry in enumerate(hand.link_geometries):
         name = f"{prefix}{geometry.link}_{number}"
         element = SubElement(bodies[geometry.link], "geom", {"name": name, **(geom or {})})
-        element.attrib |= _shape(geometry, name)
+        element.attrib |= shape_attributes(geometry, name)
         if geometry.kind == "mesh":
             meshes.append(mesh_asset(name, geometry.mesh.vertices))
     return HandMjcf(bodies[hand.base_link], meshes, couplings)
@@ -126,7 +126,8 @@ def _coupling(hand: Hand, joint: Joint, prefix: str) -> Element:
     return Element("joint", attributes | _COUPLING)
 
 
-def _shape(geometry: LinkGeometry, name: str) -> dict[str, str]:
+def shape_attributes(geometry: LinkGeometry, name: str) -> dict[str, str]:
+    """Return kind, size and pose of a geometry; a mesh is the asset of a name."""
     placed = pose(geometry.X_LG)
     if geometry.kind == "mesh":
         return {"type": "mesh", "mesh": name, **placed}

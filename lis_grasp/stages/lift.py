@@ -8,6 +8,7 @@ from functools import partial
 
 import trimesh
 
+from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
@@ -18,14 +19,31 @@ from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.plan import highest_lift
 from lis_grasp.stages.scenario import Scenario, lowest_point
 from lis_grasp.stages.worker_pool import worker_pool
+from lis_grasp.world import ALONE, Surroundings
 
 
-def require_simulator(simulator: str, shape: Shape) -> None:
-    """Raise `InvalidOptionError` if a package that the simulator needs is missing."""
-    if simulator == "mujoco":
-        from lis_grasp.simulation.mujoco.convex_pieces import require_mujoco
+def require_simulator(simulator: str, shape: Shape, surroundings: Surroundings = ALONE) -> None:
+    """Raise `InvalidOptionError` if a package that the simulator needs is missing.
 
-        require_mujoco(shape.mesh)
+    Or if a body beside the object is an open mesh, which MuJoCo cannot collide.
+    """
+    if simulator != "mujoco":
+        return
+    from lis_grasp.simulation.mujoco.convex_pieces import require_mujoco
+
+    require_mujoco(shape.mesh)
+    for body in surroundings:
+        for geometry in body.geometries:
+            if geometry.kind != "mesh":
+                continue
+            if not geometry.mesh.is_watertight:
+                raise InvalidOptionError(
+                    f"the simulator mujoco needs closed meshes; body {body.name} of the world is an"
+                    " open one: close it, or take the simulator drake",
+                    option="simulator",
+                    value=simulator,
+                )
+            require_mujoco(geometry.mesh)
 
 
 def lift_object(

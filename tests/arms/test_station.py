@@ -61,6 +61,7 @@ def test_a_base_inside_the_table_is_refused(station: Station) -> None:
         station.moved(np.diag([2.0, 1.0, 1.0, 1.0]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("margin", [pytest.param(0.0, marks=pytest.mark.slow), 0.02])
 def test_collisions_are_those_of_all_bodies_one_by_one(station: Station, margin: float) -> None:
     """Compare with closed meshes and trimesh's own manager, which know nothing of balls."""

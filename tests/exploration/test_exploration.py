@@ -369,6 +369,7 @@ def every_shape(*quick: tuple[str, str]) -> pytest.MarkDecorator:
     return pytest.mark.parametrize(("estimator", "name"), cases)
 
 
+@pytest.mark.slow
 @every_shape(("gpis", "hollow_cylinder"))
 def test_forty_touches_cover_nine_tenths_of_every_object(estimator: str, name: str) -> None:
     shape, exploration = explored(name, estimator=estimator, touches=40)

@@ -46,6 +46,7 @@ def test_the_hand_is_at_the_start_of_the_probe(name: str, explored: Exploration)
     assert again.facts(hand) == found.facts(hand)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", ["spread", pytest.param("random", marks=pytest.mark.slow)])
 def test_the_next_touch_is_that_of_the_exploration(policy: str) -> None:
     placed = {"pose": "stable", "region": (0.3, 0.3, 0.3), "policy": policy, "seed": 1}

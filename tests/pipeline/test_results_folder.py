@@ -300,6 +300,7 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
         "friction": 0.7,
         "grasps": 11,
         "world": "shelf.stl",
+        "body_error": 0.002,
         "keep_all": True,
         "attempts": 4,
         "closings": 2,

@@ -30,6 +30,7 @@ def draft(name: str, seed: int = 0) -> HandDraft:
     return draft_hand(urdf_of(name), name=name, rng=np.random.default_rng(seed))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [

@@ -1,8 +1,10 @@
-"""Lifts in Drake beside other bodies: no force on them, or a stop that counts as failed."""
+"""Lifts beside other bodies: no force on them, or a stop that counts as failed."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +23,17 @@ from tests.worlds import blocks
 BOX = shapes.build("box").mesh  # 84 x 60 x 120 mm about the origin
 TABLE = float(BOX.bounds[0, 2])
 HAND = Hand.load("wsg50")
+SIMULATORS = ("drake", "mujoco")
 NEAR = blocks(0.01, table=TABLE)  # free, 10 mm beside the box
+
+
+def simulator(name: str) -> Callable[..., Any]:
+    if name == "drake":
+        return simulate_lift
+    pytest.importorskip("mujoco")
+    from lis_grasp.simulation.mujoco.lift import simulate_in_mujoco
+
+    return simulate_in_mujoco
 
 
 @cache
@@ -43,9 +55,10 @@ def wall(gap: float) -> Surroundings:
     return Surroundings((Body.box("wall", (0.02, 0.6, 0.15), (x, 0.0, TABLE + 0.075)),))
 
 
+@pytest.mark.parametrize("name", SIMULATORS)
 @pytest.mark.parametrize("bodies", [wall(0.005), NEAR], ids=["wall", "free boxes"])
-def test_a_planned_lift_is_held_without_a_force_on_bodies(bodies: Surroundings) -> None:
-    outcome = simulate_lift(setup(bodies, known=bodies))
+def test_a_planned_lift_is_held_without_a_force_on_bodies(bodies: Surroundings, name: str) -> None:
+    outcome = simulator(name)(setup(bodies, known=bodies))
     assert outcome.held
     assert max(outcome.forces.values(), default=0.0) <= LARGEST_FORCE_BESIDE
     for body in bodies.free:
@@ -53,9 +66,12 @@ def test_a_planned_lift_is_held_without_a_force_on_bodies(bodies: Surroundings) 
         assert np.abs(outcome.X_EB[body.name] - body.X_EB).max() < 1e-4
 
 
+@pytest.mark.parametrize("name", SIMULATORS)
 @pytest.mark.parametrize("bodies", [wall(0.005), NEAR], ids=["wall", "free boxes"])
-def test_a_lift_that_ignores_bodies_stops_at_them_and_is_not_held(bodies: Surroundings) -> None:
-    outcome = simulate_lift(setup(bodies, known=ALONE))
+def test_a_lift_that_ignores_bodies_stops_at_them_and_is_not_held(
+    bodies: Surroundings, name: str
+) -> None:
+    outcome = simulator(name)(setup(bodies, known=ALONE))
     assert outcome.reason == "hit_body"
     assert not outcome.held
     assert max(outcome.forces.values()) > LARGEST_FORCE_BESIDE

@@ -15,6 +15,7 @@ from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
 from lis_grasp.simulation.drake.object_plant import FreeObject
+from lis_grasp.world import Body, Surroundings
 
 BOX = trimesh.creation.box(extents=[0.06, 0.06, 0.12])
 HEIGHT = -0.06
@@ -72,3 +73,17 @@ def test_probes_in_a_moved_frame_touch_the_same_place(station: Station) -> None:
     assert point[2] == pytest.approx(first.contacts.points[0, 2], abs=3e-4)
     np.testing.assert_allclose(point[:2], first.contacts.points[0, :2], atol=2e-3)
     np.testing.assert_allclose(X_EF @ prober.X_EO, np.eye(4), atol=2e-3)
+
+
+def test_a_contact_with_another_body_is_recorded_by_its_name(station: Station) -> None:
+    block = Body.box("block", (0.06, 0.06, 0.1), (0.14, 0.0, HEIGHT + 0.05))
+    use = ArmUse()
+    prober = DynamicProber(
+        station.hand, BOX, station=station, arm_use=use, surroundings=Surroundings((block,))
+    )
+    top = np.array([0.14, 0.0, HEIGHT + 0.1])
+    outcome = prober.probe(Probe(top, np.array([0.0, 0.0, -1.0]), 0.03, 0.02), SPACE)
+    assert outcome.contacts.points[0, 2] == pytest.approx(top[2], abs=1e-3)
+    assert use.contacts
+    assert {pair.split(" with ")[1] for pair in use.contacts} == {"block"}
+    assert max(use.forces.values()) <= prober.disturbance.forces["block"] < 2.0

@@ -240,10 +240,11 @@ def test_free_space_is_outside_the_object(name: str) -> None:
     assert len(contacts.free_points) > 100
 
 
+@pytest.mark.slow
 def test_carving_removes_no_point_of_the_object() -> None:
     shape, exploration = explored("hollow_cylinder", touches=12, seed=4)
     contacts = exploration.contacts
-    points = np.random.default_rng(0).uniform(*shape.mesh.bounds, size=(1000, 3))
+    points = np.random.default_rng(0).uniform(*shape.mesh.bounds, size=(3000, 3))
     true = trimesh.proximity.signed_distance(shape.mesh, points) > 1e-4
     for name, estimator in ESTIMATORS.items():
         before = estimator(contacts)

@@ -115,6 +115,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_notebook_shows_pictures_of_surfaces_grasps_and_runs(folder: Path) -> None:
     formatter, run = DisplayFormatter(), lg.Run.load(folder)
     register(formatter)

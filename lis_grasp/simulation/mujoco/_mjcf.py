@@ -20,6 +20,7 @@ from lis_grasp.lifting.setup import (
 from lis_grasp.motion import OBJECT
 from lis_grasp.robots.mjcf import hand_mjcf, inertial, mesh_asset, numbers, pose
 from lis_grasp.shapes.object_mass import uniform_inertia
+from lis_grasp.simulation.mujoco._beside import add_beside
 from lis_grasp.typing import FloatArray
 
 HAND = "hand/"
@@ -44,6 +45,8 @@ _COLLIDES = {  # bits of a body, and of those that it meets: never hand and hand
     "hand": {"contype": "1", "conaffinity": "0"},
     "object": {"contype": "2", "conaffinity": "1"},
     "table": {"contype": "0", "conaffinity": "3"},
+    "fixed": {"contype": "0", "conaffinity": "7"},
+    "free": {"contype": "4", "conaffinity": "7"},
 }
 # A carriage of the wrist, as in Drake: a ball of this mass [kg] and inertia [kg m^2].
 _CARRIAGE = inertial(0.1, np.zeros(3), 1e-4 * np.eye(3))
@@ -66,6 +69,9 @@ def scene_mjcf(setup: LiftSetup, pieces: Sequence[trimesh.Trimesh]) -> str:
     world.append(_table(setup))
     assets.extend(mesh_asset(f"piece_{k}", piece.vertices) for k, piece in enumerate(pieces))
     world.append(_object(setup, len(pieces)))
+    for body in setup.surroundings:
+        kind = "fixed" if body.is_fixed else "free"
+        add_beside(world, assets, body, _contact(body.friction) | _COLLIDES[kind])
     X_WB = setup.X_WB
     wrist, last = _wrist(X_WB[:3, 3])
     world.append(wrist)
@@ -86,7 +92,8 @@ def _contact(friction: float) -> dict[str, str]:
 def _table(setup: LiftSetup) -> Element:
     place = numbers([0.0, 0.0, setup.support_height])
     attributes = {"name": "table", "type": "plane", "size": "0 0 1", "pos": place}
-    return Element("geom", attributes | _contact(setup.friction) | _COLLIDES["table"])
+    kind = "fixed" if len(setup.surroundings) else "table"  # which carries free bodies, too
+    return Element("geom", attributes | _contact(setup.friction) | _COLLIDES[kind])
 
 
 def _object(setup: LiftSetup, pieces: int) -> Element:

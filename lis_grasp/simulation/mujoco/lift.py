@@ -21,6 +21,7 @@ from lis_grasp.lifting.setup import (
 )
 from lis_grasp.lifting.trial import LiftTrial
 from lis_grasp.motion import OBJECT
+from lis_grasp.simulation.mujoco._beside import BesideInModel
 from lis_grasp.simulation.mujoco._mjcf import HAND, TIME_STEP, WRIST_JOINTS, scene_mjcf
 from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces
 from lis_grasp.typing import FloatArray
@@ -60,6 +61,10 @@ class MujocoScene:
         bodies = enumerate(model.geom_bodyid)
         self._link_of_geom = {geom: links[body] for geom, body in bodies if body in links}
         self._object = model.body(OBJECT).id
+        self._forces: dict[str, float] = {}
+        self._beside: BesideInModel | None = None
+        if len(setup.surroundings):
+            self._beside = BesideInModel(model, setup.surroundings, set(links))
         free = model.joint(OBJECT)
         self._object_q = slice(free.qposadr[0], free.qposadr[0] + 7)
         self._object_v = slice(free.dofadr[0], free.dofadr[0] + 6)
@@ -116,12 +121,14 @@ class MujocoScene:
         Raises `SimulationError` if positions or velocities are no longer finite.
         """
         self._steps += 1
+        self._forces = {}
         before = self._data.ctrl[:6].copy()
         change = self._wrist_command - before
         for substep in range(1, self._substeps + 1):
             # A command that jumps once a step would shake the palm.
             self._data.ctrl[:6] = before + substep / self._substeps * change
             mujoco.mj_step(self._model, self._data)
+            self._push()
             if self._resting is not None:
                 self._data.qpos[self._object_q] = self._resting
                 self._data.qvel[self._object_v] = 0.0
@@ -131,8 +138,18 @@ class MujocoScene:
         # A step ends with poses of its start.
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
-        if self._resting is not None and self.contacts():
+        if self._resting is not None and (self.contacts() or self._is_pushed()):
             self._resting = None
+
+    def _push(self) -> None:
+        """Keep the largest forces on the bodies beside the object in this step."""
+        if self._beside is not None:
+            for name, force in self._beside.forces(self._data).items():
+                self._forces[name] = max(force, self._forces.get(name, 0.0))
+
+    def _is_pushed(self) -> bool:
+        """Return whether a free body touches the object."""
+        return self._beside is not None and self._beside.touch_object(self._data)
 
     @property
     def joint_positions(self) -> FloatArray:
@@ -161,12 +178,12 @@ class MujocoScene:
         return _merged_contacts(self._model, self._data, body, self._link_of_geom)
 
     def forces_beside(self) -> dict[str, float]:
-        """Return nothing: there are no bodies beside the object."""
-        return {}
+        """Return the largest forces [N] of hand and object on bodies beside it in the last step."""
+        return self._forces
 
     def poses_beside(self) -> dict[str, FloatArray]:
-        """Return nothing: there are no bodies beside the object."""
-        return {}
+        """Return the poses X_WB (4, 4) of the free bodies beside the object."""
+        return {} if self._beside is None else self._beside.poses(self._data)
 
     def jacobian(self, link: str, p_L: FloatArray) -> FloatArray:
         """Return the Jacobian of a point p_L of a link with respect to the joints, shape (3, J).

@@ -70,8 +70,15 @@ def ground_forces(scene: PlantScene) -> dict[str, float]:
     return forces
 
 
-@pytest.mark.parametrize("time_step", [0.002, 0.005], ids=["touch", "lift"])
-@pytest.mark.parametrize("mass", [0.05, 0.3])
+@pytest.mark.parametrize(
+    ("mass", "time_step"),
+    [
+        pytest.param(0.3, 0.005, id="lift"),
+        pytest.param(0.3, 0.002, id="touch", marks=pytest.mark.slow),
+        pytest.param(0.05, 0.002, id="light", marks=pytest.mark.slow),
+        pytest.param(0.05, 0.005, id="light in lift", marks=pytest.mark.slow),
+    ],
+)
 def test_free_blocks_rest_still_for_a_second_and_press_with_their_weight(
     wsg50: Hand, mass: float, time_step: float
 ) -> None:
@@ -110,6 +117,7 @@ def test_a_wall_pushes_back_by_the_law_of_the_rail_that_pushes(wsg50: Hand) -> N
     assert 0.999 * along < force < np.hypot(1.0, USUAL_FRICTION) * along
 
 
+@pytest.mark.slow
 def test_both_probers_meet_the_same_body_first(wsg50: Hand) -> None:
     beside = Surroundings(
         (*worlds.blocks(0.05, mass=None, table=TABLE), *worlds.walls(0.6, 0.1, table=TABLE))
@@ -226,6 +234,7 @@ def test_a_fixed_object_may_touch_a_wall(wsg50: Hand) -> None:
     assert outcome.contacts.points[0, 0] == pytest.approx(-0.042, abs=5e-4)
 
 
+@pytest.mark.slow
 def test_twenty_touches_in_a_bin_press_no_wall(wsg50: Hand, tmp_path) -> None:
     pose = tmp_path / "pose.txt"
     np.savetxt(pose, make_pose(np.eye(3), [0.0, 0.0, -TABLE]))
