@@ -21,19 +21,14 @@ def load_world(path: str | Path, at: str | None = None) -> Surroundings:
     """Return the bodies of a file in the frame of a table, on whose plane z = 0 the object stands.
 
     The file has Drake's model directives, scenarios of a HardwareStation (``FILE#NAME`` is one of
-    several), one of their models (SDF, URDF, MJCF), or a mesh [m]. Robots of a scenario, models
-    whose files are not on this disk, and what is placed on them are left out with a warning, as
-    are shapes that are wholly at or below the table.
+    several), one of their models, or a mesh [m]. A warning names what is left out: robots, and
+    models whose files are not on this disk.
 
     `at` is the place of the table's frame in the file's world: the name of a body or frame, or
     three numbers [m]; None for its origin.
 
-    Raises
-    ------
-    InvalidFileError, InvalidMeshError
-        If the file cannot be used.
-    InvalidOptionError
-        If it has more than 50 bodies or 200,000 triangles, or no upright frame `at`.
+    Raises `InvalidFileError` and `InvalidMeshError` if the file cannot be used, and
+    `InvalidOptionError` if it has too many bodies, or no upright frame `at`.
 
     Examples
     --------

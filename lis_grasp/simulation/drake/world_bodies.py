@@ -68,11 +68,10 @@ def surroundings_of(
     Examples
     --------
     >>> builder = DiagramBuilder()
-    >>> plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.002)
-    >>> hand = add_hand(plant, "wsg50")
+    >>> plant, graph = AddMultibodyPlantSceneGraph(builder, 0.002)
     >>> plant.Finalize()
     >>> context = plant.GetMyContextFromRoot(builder.Build().CreateDefaultContext())
-    >>> len(surroundings_of(plant, scene_graph, context, without=[hand.instance]))
+    >>> len(surroundings_of(plant, graph, context))
     0
     """
     left_out = {n if isinstance(n, str) else plant.GetModelInstanceName(n) for n in without}
