@@ -22,6 +22,8 @@ _OF_CONTACTS, _DEVIATIONS = 0.001, 4.0
 # A contact faces a body, and is the object's, if its normal comes nearer to the body by this
 # cosine.
 _FACES = 0.5
+# Least cosine of a contact's normal and the body's own, to correct the body's place.
+_ALONG = 0.9
 # Noise of a contact whose own is not known [m].
 _LEAST_NOISE = 1e-4
 
@@ -98,11 +100,15 @@ class KnownBodies:
 
     def _corrected_by(self, touch: BodyTouch) -> KnownBodies:
         body = next(one for one in self.surroundings if one.name == touch.body)
+        ends = touch.point + np.outer([1.0, 0.0, -1.0], _LEAST_NOISE * touch.normal)
+        ahead, distance, behind = body.distances(ends)
+        if (ahead - behind) / (2.0 * _LEAST_NOISE) < _ALONG:
+            return self  # the nearest surface is another face or an edge
         prior = np.diag([0.25, 0.25, 0.0]) * self.error**2  # of a uniform disc
         covariance = self.covariances.get(touch.body, prior)
         spread = covariance @ touch.normal
         variance = max(self.noise, _LEAST_NOISE) ** 2 + float(touch.normal @ spread)
-        moved = spread * float(body.distances(touch.point[None])[0]) / variance
+        moved = spread * float(distance) / variance
         X_WB = body.X_EB.copy()
         X_WB[:3, 3] += moved
         covariance = covariance - np.outer(spread, spread) / variance

@@ -16,6 +16,7 @@ from lis_grasp.pipeline import Scenario
 from lis_grasp.probing.approach_planner import NO_FREE_START
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.robot_model import Inertial, LinkGeometry
 from lis_grasp.shapes.object_mass import GRAVITY, USUAL_FRICTION
 from lis_grasp.simulation.drake import _probe_carriers, dynamic_prober
 from lis_grasp.simulation.drake._plant_scene import PlantScene
@@ -253,3 +254,26 @@ def test_twenty_touches_in_a_bin_press_no_wall(wsg50: Hand, tmp_path) -> None:
         made = state.made
     assert made == 20
     assert max(prober.disturbance.forces.values(), default=0.0) < 2.0
+
+
+def test_a_pushed_ball_rolls_to_rest(wsg50: Hand) -> None:
+    radius, mass = 0.04, 0.3
+    inertia = 0.4 * mass * radius**2 * np.eye(3)
+    center = np.array([0.2, 0.0, TABLE + radius])
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=radius)
+    ball = Body(
+        "ball",
+        (LinkGeometry("ball", np.eye(4), "sphere", (radius,), mesh),),
+        make_pose(np.eye(3), center),
+        Inertial(mass, np.zeros(3), inertia),
+    )
+    world = Surroundings((ball,))
+    prober = DynamicProber(wsg50, MESH, free=ON_TABLE, surroundings=world, known=world)
+    target = center + [radius, 0.0, 0.0]
+    assert prober.probe(Probe(target, LEFT, 0.04, 0.02)).status == "touched"
+    (now,) = prober.surroundings.free
+    # Rolling resistance of a lever of 1 % of the radius stops 0.03 m/s within 7 mm.
+    assert abs(float((now.X_EB[:3, 3] - center) @ LEFT)) < 7e-3
+    before = now.X_EB
+    prober.probe(Probe(np.array([0.0, 0.0, 0.06]), DOWN, 0.04, 0.02))  # while another is touched
+    assert prober.surroundings.free[0].displacement(before) < 1e-4

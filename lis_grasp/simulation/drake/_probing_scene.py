@@ -9,6 +9,7 @@ import numpy as np
 import trimesh
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+from pydrake.multibody.tree import RigidBody
 
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.use import ArmUse
@@ -45,7 +46,7 @@ class ProbingScene:
     """A Drake simulation of a hand on a rail and an object; W is the frame of the probes.
 
     One plant serves every probe: `place` sets the poses of rail, hand and object, and locks their
-    joints for the motion. The joint of a `free` object stays unlocked, and rolling meets a
+    joints for the motion. The joint of a `free` object stays unlocked. Rolling meets a
     resistance. The hand feels contacts with more normal force than a `threshold` [N], of the object
     and of the bodies beside it, the `surroundings`, given in W.
     """
@@ -80,6 +81,7 @@ class ProbingScene:
         )
         self._free, self._threshold = free is not None, threshold
         support = table = None
+        resisted: dict[RigidBody, float] = {}
         if free is None:
             self._object = add_object_body(plant, mesh, mass=1.0, friction=friction)
             plant.set_gravity_enabled(self._object.body.model_instance(), False)
@@ -87,9 +89,12 @@ class ProbingScene:
             # Contact with the table costs by the triangles of the faces on it.
             faces = merge_flat_faces(mesh)
             self._object = add_object_body(plant, faces, mass=free.mass, friction=friction)
-            # The moment is taken at half the least extent [N m].
-            radius = 0.5 * float(np.min(mesh.extents))
-            self._resistance = _ROLLING_RESISTANCE * free.mass * GRAVITY * radius
+            resisted[self._object.body] = _resistance(free.mass, mesh)
+        if scene.surroundings is not None:
+            for body in surroundings.free:
+                assert body.inertial is not None
+                moment = _resistance(body.inertial.mass, body.mesh)
+                resisted[scene.surroundings.bodies[body.name]] = moment
         # Without an arm, the planned motion avoids the table.
         if station is not None and station.table is not None:
             table = add_table(plant, station.table.height, under=mesh)
@@ -98,6 +103,12 @@ class ProbingScene:
             support = add_support(plant, height, friction, under=mesh, mass=free.mass)
         scene.finalize(self._hand, self._object, support=support, table=table, threshold=threshold)
         self.carrier.connect(scene)
+        # Drake gives a body without a joint this one: six degrees of freedom.
+        joints = [plant.GetJointIndices(body.model_instance())[0] for body in resisted]
+        self._rolling = [
+            (body.index(), plant.get_joint(joint), moment)
+            for (body, moment), joint in zip(resisted.items(), joints, strict=True)
+        ]
         self._fingers_port = plant.get_desired_state_input_port(self._hand.instance)
         self._forces_port = plant.get_applied_spatial_force_input_port()
 
@@ -165,7 +176,7 @@ class ProbingScene:
     def command(self, travelled: float, speed: float) -> None:
         """Command a position [m] and a speed [m/s] for the next time step."""
         self.carrier.command(travelled, speed)
-        if self._free:
+        if self._rolling:
             self._resist_rolling()
 
     def advance(self) -> None:
@@ -189,13 +200,16 @@ class ProbingScene:
         return [self.X_WO, *self.poses_beside.values()]
 
     def _resist_rolling(self) -> None:
-        """Apply the moment of rolling resistance to the free object, for one step."""
-        turn = self._scene.object_joint.get_angular_velocity(self._scene.context)
-        load = ExternallyAppliedSpatialForce()
-        load.body_index = self._object.body.index()
-        moment = -self._resistance / max(float(np.linalg.norm(turn)), _ROLLING) * turn
-        load.F_Bq_W = SpatialForce(tau=moment, f=np.zeros(3))
-        self._forces_port.FixValue(self._scene.context, [load])
+        """Apply the moments of rolling resistance to all that is free, for one step."""
+        loads = []
+        for body, joint, resistance in self._rolling:
+            turn = joint.get_angular_velocity(self._scene.context)
+            load = ExternallyAppliedSpatialForce()
+            load.body_index = body
+            moment = -resistance / max(float(np.linalg.norm(turn)), _ROLLING) * turn
+            load.F_Bq_W = SpatialForce(tau=moment, f=np.zeros(3))
+            loads.append(load)
+        self._forces_port.FixValue(self._scene.context, loads)
 
     def touch(self) -> Contacts:
         """Return what the touch sensor feels, in W: flat parts of contacts above the threshold.
@@ -207,6 +221,12 @@ class ProbingScene:
     def felt_beside(self) -> dict[str, int]:
         """Return how many of the contacts of `touch` are with each body beside the object."""
         return self._scene.felt_beside(self._threshold)
+
+
+def _resistance(mass: float, mesh: trimesh.Trimesh) -> float:
+    """Return the largest moment of rolling resistance [N m], taken at half the least extent."""
+    radius = 0.5 * float(np.min(mesh.extents))
+    return _ROLLING_RESISTANCE * mass * GRAVITY * radius
 
 
 def _motion(X: FloatArray, Y: FloatArray) -> float:

@@ -43,6 +43,7 @@ Pusher = Literal["hand", "arm", "object"]
 """Who pushes a body."""
 
 _MODULUS = 5e6  # [Pa], of bodies beside the object
+_FACETS = 0.2  # length of a round body's facets, in its radii: they are within 0.5 % of the arc
 _SUNK = 1e-6  # [m] into the ground at the start, so that the first step finds contact
 _TOGETHER = 1e-3  # bodies that are no farther apart at the start [m] stand on or lean on each other
 
@@ -144,12 +145,12 @@ def add_surroundings(plant: MultibodyPlant, surroundings: Surroundings) -> Surro
     rigid: set[GeometryId] = set()
     for body in surroundings:
         added = bodies[body.name] = _add_body(plant, body)
-        for number, (shape, X_BG, compliant) in enumerate(_shapes(body)):
+        for number, (shape, X_BG, fineness) in enumerate(_shapes(body)):
             geometry = plant.RegisterCollisionGeometry(
-                added, X_BG, shape, f"{body.name}_{number}", _properties(body, compliant)
+                added, X_BG, shape, f"{body.name}_{number}", _properties(body, fineness)
             )
             names[geometry] = body.name
-            if not compliant:
+            if fineness is None:
                 rigid.add(geometry)
         if body.inertial is not None:
             grounds[body.name] = add_support(
@@ -173,15 +174,18 @@ def _add_body(plant: MultibodyPlant, body: Body) -> RigidBody:
     return plant.AddRigidBody(body.name, instance, inertia)
 
 
-def _shapes(body: Body) -> Iterator[tuple[Shape, RigidTransform, bool]]:
-    """Yield Drake's shapes of a body with their poses in B, and whether each is compliant."""
+def _shapes(body: Body) -> Iterator[tuple[Shape, RigidTransform, float | None]]:
+    """Yield Drake's shapes of a body with their poses in B, and the length of facets [m].
+
+    It is None for a rigid shape.
+    """
     for geometry in body.geometries:
         X_BG = _rigid(geometry.X_LG)
         if geometry.kind != "mesh":
-            yield primitive_shape(geometry), X_BG, True
+            yield primitive_shape(geometry), X_BG, _FACETS * min(geometry.dimensions)
             continue
         for shape, compliant in _parts(geometry):
-            yield shape, X_BG, compliant
+            yield shape, X_BG, float(geometry.mesh.extents.max()) if compliant else None
 
 
 def _parts(geometry: LinkGeometry) -> Iterator[tuple[Shape, bool]]:
@@ -195,14 +199,13 @@ def _parts(geometry: LinkGeometry) -> Iterator[tuple[Shape, bool]]:
         yield Mesh(in_memory(geometry.mesh, geometry.link)), False
 
 
-def _properties(body: Body, compliant: bool) -> ProximityProperties:
+def _properties(body: Body, fineness: float | None) -> ProximityProperties:
     properties = ProximityProperties()
     friction = CoulombFriction(body.friction, body.friction)
     AddContactMaterial(dissipation=TABLE_DISSIPATION, friction=friction, properties=properties)
-    if compliant:
-        finest = min(float(geometry.mesh.extents.min()) for geometry in body.geometries)
+    if fineness is not None:
         AddCompliantHydroelasticProperties(
-            resolution_hint=finest, hydroelastic_modulus=_MODULUS, properties=properties
+            resolution_hint=fineness, hydroelastic_modulus=_MODULUS, properties=properties
         )
     else:
         AddRigidHydroelasticProperties(properties)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from xml.etree.ElementTree import Element, SubElement
 
-import mujoco
 import numpy as np
 
+from lis_grasp.exceptions import needed_package
 from lis_grasp.geometry import make_pose
 from lis_grasp.motion import OBJECT
 from lis_grasp.robots.mjcf import inertial, mesh_asset, pose, shape_attributes
@@ -15,6 +15,9 @@ from lis_grasp.robots.robot_model import LinkGeometry
 from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces
 from lis_grasp.typing import FloatArray
 from lis_grasp.world import Body, Surroundings
+
+with needed_package("mujoco", "mujoco", option="the simulator mujoco"):
+    import mujoco
 
 BESIDE = "beside/"
 """Put before the names of the bodies beside the object."""
