@@ -7,10 +7,11 @@ scenes: 12 objects (two of them objects that nobody tuned on), 2 hands, 3 seeds,
 scenes. An object that does not fit is a row with that reason, and counts in no rate.
 
 Measured: whether it is held, and whether so with no more than 2 N on any other body; the share of
-blocked probes, and how many were refused before they were made; true contacts and largest forces by body, in touch and lift; how far free bodies
-moved; CPU time of touch and of all. Goals: held with at most 2 N at least 98 % of alone (93 % in
-tight scenes and at 10 mm); above 2 N in under 1 % of runs, above 10 N in none; under 2 mm moved in
-99 %; blocked under 15 %, tight under 30 %; CPU 1.15 times alone, touch 1.4 (tight 1.4 and 2).
+blocked probes, and how many were refused before they were made; true contacts and largest forces
+by body, in touch and lift; how far free bodies moved; CPU time of touch and of all. Goals: held
+with at most 2 N at least 98 % of alone (93 % in tight scenes and at 10 mm); above 2 N in under 1 %
+of runs, above 10 N in none; under 2 mm moved in 99 %; blocked under 15 %, tight under 30 %; CPU
+1.15 times alone, touch 1.4 (tight 1.4 and 2).
 """
 
 from __future__ import annotations

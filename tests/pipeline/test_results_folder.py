@@ -308,18 +308,13 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
         "arm": "iiwa14",
     }
     based = {"arm": "iiwa14", "base": (-0.5, 0.0, 0.1)}
-    at = {"world": "shelf.stl", "at": "0.1 0 0"}
     every = {"fingers": "all", "prober": "kinematic"}
+    placed = {"world": "shelf.stl", "at": "0.1 0 0"}
     unknown = {**UNKNOWN, "region": (0.4, 0.4, 0.3)}
-    assert {*options, *based, *at, *every, *unknown} == set(RunConfig().facts())
+    assert {*options, *based, *every, *placed, *unknown} == set(RunConfig().facts())
     configs = [RunConfig(**{name: value}) for name, value in options.items()]
-    configs += [
-        RunConfig(),
-        RunConfig(**based),
-        RunConfig(**at),
-        RunConfig(**every),
-        RunConfig(**unknown),
-    ]
+    configs += [RunConfig(), RunConfig(**based), RunConfig(**every), RunConfig(**placed)]
+    configs += [RunConfig(**unknown)]
     configs += [RunConfig(**{**unknown, "region": (0.5, 0.4, 0.3)})]
     names = {default_output(config) for config in configs}
     assert len(names) == len(configs)
