@@ -39,6 +39,7 @@ class KnownBodies:
 
     Examples
     --------
+    >>> from lis_grasp.world import Body
     >>> wall = Body.box("wall", (0.02, 0.4, 0.2), (0.1, 0.0, 0.1))
     >>> bodies = KnownBodies(Surroundings((wall,)))
     >>> bodies.distances(np.array([[0.0, 0.0, 0.1]])).round(3).tolist()
