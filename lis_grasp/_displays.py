@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 if TYPE_CHECKING:
     from lis_grasp.grasping.grasps import GraspSearch
+    from lis_grasp.stages.estimate import SurfaceEstimate
     from lis_grasp.surfaces import ImplicitSurface
 
 # Cells along a displayed surface; a picture needs fewer than grasps do.
@@ -17,6 +20,7 @@ def register(formatter: Any) -> None:
     """Add the pictures to IPython's `DisplayFormatter`, which finds a type by its name."""
     png, html = (formatter.formatters[kind] for kind in ("image/png", "text/html"))
     png.for_type_by_name("lis_grasp.surfaces.queries", "Predicting", surface_png)
+    png.for_type_by_name("lis_grasp.stages.estimate", "SurfaceEstimate", estimate_png)
     html.for_type_by_name("lis_grasp.grasping.grasps", "GraspSearch", search_html)
 
 
@@ -27,6 +31,14 @@ def surface_png(surface: ImplicitSurface) -> bytes:
 
     resolution = float((surface.bounds[1] - surface.bounds[0]).max()) / _CELLS
     return Still(solid=extract_mesh(surface, resolution=resolution)).png()
+
+
+def estimate_png(estimate: SurfaceEstimate) -> bytes:
+    """Return a picture of an estimate's mesh, by uncertainty, with its contacts."""
+    from lis_grasp.visualization.still import Still
+
+    bad = np.flatnonzero(estimate.verdicts.bad)
+    return Still(solid=estimate.mesh, contacts=estimate.contacts, bad_contacts=bad).png()
 
 
 def search_html(search: GraspSearch) -> str:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
-import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
@@ -40,7 +39,6 @@ from lis_grasp.surfaces.estimators import (
 )
 from lis_grasp.task.decide import Decide
 from lis_grasp.task.robot import Robot
-from lis_grasp.visualization.still import Still
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)  # no slots: for cached_property
@@ -166,11 +164,6 @@ class SurfaceEstimate(Record):
     def mesh(self) -> trimesh.Trimesh:
         """The closed mesh of the surface, with the uncertainty of each vertex [m]."""
         return extract_mesh(self.surface, touched=self.contacts.points)
-
-    def _repr_png_(self) -> bytes:
-        """Return a picture of the mesh in the colours of its uncertainty, with the contacts."""
-        bad = np.flatnonzero(self.verdicts.bad)
-        return Still(solid=self.mesh, contacts=self.contacts, bad_contacts=bad).png()
 
 
 def estimate(
