@@ -58,14 +58,14 @@ def add_hand(
     plant
         The plant, with a SceneGraph, not finalized yet.
     hand
-        The hand, its name or the path of its YAML file.
+        The hand, or its name or YAML file.
     name
         Name of the new model instance.
     instance
         The model instance, or its name, of a hand that ``Parser`` or directives added to the plant:
         links and joints are found by name. In a finalized plant it keeps its weight.
     parent, X_PG
-        A frame or body to which G is welded, and the pose of G in it; None for the identity.
+        What G is welded to, and the pose of G in it.
     gains
         Stiffness and damping of the joints, each (J,) [N m/rad, N m s/rad; or N/m, N s/m]; None for
         the gains of probing.

@@ -45,9 +45,9 @@ class GraspPlanner(LeafSystem):
     Parameters
     ----------
     hand
-        The hand in the plant, as `add_hand` returns it.
+        The hand in the plant.
     X_WE
-        Pose of the estimate's frame E in the world; None for the identity.
+        Pose of E in the world.
     table
         Height in E of the plane that the object is on [m].
     prior
@@ -57,7 +57,7 @@ class GraspPlanner(LeafSystem):
     seed
         Seed of all random draws.
     candidates
-        Largest number of sampled contact sets.
+        Most sampled contact sets.
     station
         The arm that must reach the grasps, as a `Station` with its base in E.
     surroundings

@@ -83,11 +83,11 @@ class HapticExplorer(LeafSystem):
     Parameters
     ----------
     hand
-        The hand in the plant, as `add_hand` returns it; it needs a probe posture.
+        The hand in the plant; it needs a probe posture.
     space
         The object's place and size in E, or the region that contains it.
     X_WE
-        Pose of the contacts' frame E in the world; None for the identity.
+        Pose of E, the contacts' frame, in the world.
     home
         Pose X_WG at which the hand begins; needed without a station.
     q_home

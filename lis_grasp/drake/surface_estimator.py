@@ -93,7 +93,7 @@ class SurfaceEstimator(LeafSystem):
     path
         Path of the drawing.
     X_WE
-        Pose of E in the world, for the drawing; None for the identity.
+        Pose of E in the world, for the drawing.
     replay
         Keeps every version of the drawing, for Meshcat's recording.
 

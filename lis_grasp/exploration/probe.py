@@ -34,9 +34,9 @@ class Probe(Record):
     direction
         Shape (3,), in O: direction of the motion; normalised here.
     standoff
-        Length of the motion before the target [m].
+        Length before the target [m].
     overshoot
-        Length of the motion beyond the target [m].
+        Length beyond the target [m].
     slides
         Shape (K, 3) [m], in O: slides of the fingertip, the best first; one may follow.
 

@@ -93,7 +93,7 @@ def stop_when_graspable(probability: float, predict: Callable[[Contacts], float]
 
     `predict` plans a grasp on the estimate of contacts and returns its `closure_probability`. It is
     called from 10 contacts on, for every second contact. Two predictions in succession must reach
-    the probability, because the uncertainty of an estimate from few contacts is often too small.
+    the probability.
 
     Raises `InvalidOptionError` if the probability is out of range.
     """
