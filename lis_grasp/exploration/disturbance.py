@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from lis_grasp.exploration.probe import Prober
 from lis_grasp.geometry import require_pose
-from lis_grasp.records import Record, read_only
+from lis_grasp.records import Record, read_only, reduce_record
 from lis_grasp.typing import FloatArray
 
 
@@ -36,6 +36,9 @@ class Disturbance(Record):
         for name, values in (("contacts", self.contacts), ("forces", self.forces)):
             object.__setattr__(self, name, MappingProxyType(dict(values)))
         object.__setattr__(self, "poses", MappingProxyType(poses))
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        return reduce_record(self)
 
     def after(self, later: Disturbance) -> Disturbance:
         """Return what this and then a later one did."""

@@ -16,6 +16,7 @@ from lis_grasp.exploration import DEFAULT_REGION, STEP_FRACTION, Exploration, Re
 from lis_grasp.exploration.disturbance import Disturbance
 from lis_grasp.geometry import require_pose
 from lis_grasp.lifting.outcome import LiftOutcome
+from lis_grasp.records import reduce_record
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import NAMES, STABLE, UPRIGHT, Shape, default_mass, draw_pose, find, placed
 from lis_grasp.stages.agent import Agent
@@ -48,6 +49,9 @@ class Truth:
     disturbance: Disturbance = field(default_factory=Disturbance)  #: of these, by all touches
     #: how far touches moved any point of each free body beside it [m], at most
     pushed: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        return reduce_record(self)
 
     @cached_property
     def shape_now(self) -> Shape:

@@ -6,12 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.neighbours import BodyTouch
 from lis_grasp.geometry import apply_pose
+from lis_grasp.records import reduce_record
 from lis_grasp.typing import FloatArray
 from lis_grasp.world.surroundings import Surroundings
 
@@ -52,6 +54,9 @@ class KnownBodies:
     X_WE: FloatArray = field(default_factory=lambda: np.eye(4))  #: (4, 4)
     #: (3, 3) [m^2] of a body's place, by its name; of others the prior's
     covariances: Mapping[str, FloatArray] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        return reduce_record(self)
 
     def in_frame(self, X_EF: FloatArray) -> KnownBodies:
         """Return the same bodies in a frame F, whose pose in the present E is `X_EF` (4, 4)."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import trimesh
 
 from lis_grasp.exceptions import InvalidOptionError, listed
 from lis_grasp.geometry import apply_pose, inverse_pose
-from lis_grasp.records import FrozenArrays
+from lis_grasp.records import FrozenArrays, reduce_record
 from lis_grasp.robots.robot_model import Inertial, LinkGeometry
 from lis_grasp.shapes.mesh_distance import MeshTree, winding_numbers
 from lis_grasp.shapes.object_mass import USUAL_FRICTION
@@ -64,6 +65,9 @@ class Body(FrozenArrays):
     def of_mesh(cls, name: str, mesh: trimesh.Trimesh) -> Body:
         """Return a fixed body of a mesh in E [m], which may be open."""
         return cls(name, (LinkGeometry(name, np.eye(4), "mesh", (), mesh),), np.eye(4))
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        return reduce_record(self)
 
     @property
     def is_fixed(self) -> bool:
@@ -173,6 +177,9 @@ class Surroundings:
                 option="world",
                 value=max(len(names), triangles),
             )
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        return reduce_record(self)
 
     def __len__(self) -> int:
         return len(self.bodies)

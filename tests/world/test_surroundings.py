@@ -1,12 +1,18 @@
 """The bodies beside the object: distances, frames, and names, against closed forms."""
 
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration.disturbance import Disturbance
 from lis_grasp.geometry import apply_pose, inverse_pose, make_pose
+from lis_grasp.stages.scenario import Scenario
+from lis_grasp.task.task import Task
 from lis_grasp.world import ALONE, Body, Surroundings
 
 SIDES = (0.06, 0.08, 0.1)
@@ -77,6 +83,22 @@ def test_an_open_mesh_has_distances_and_no_inside() -> None:
     open_box = trimesh.Trimesh(box.vertices, box.faces[:-2])
     body = Body.of_mesh("crate", open_box)
     assert body.distances(np.zeros((1, 3)))[0] == pytest.approx(0.05)
+
+
+def test_a_scenario_with_bodies_goes_to_other_processes() -> None:
+    task = Task.of("box", hand="wsg50", known=True, world=BESIDE)
+    scenario = Scenario.from_config(task)
+    points = np.zeros((1, 3))
+    expected = scenario.truth.surroundings.distances(points)
+    assert scenario.agent.known_bodies is not None
+    np.testing.assert_array_equal(
+        scenario.agent.known_bodies.distances(points), expected.min(axis=1)
+    )
+    pushed = Disturbance(contacts={"crate": 1}, forces={"crate": 0.3}, poses={"crate": np.eye(4)})
+    scenario = replace(scenario, truth=replace(scenario.truth, disturbance=pushed))
+    there = pickle.loads(pickle.dumps(scenario))  # noqa: S301 -- our own bytes
+    np.testing.assert_array_equal(there.truth.surroundings.distances(points), expected)
+    assert pushed.equals(there.truth.disturbance)
 
 
 def test_two_bodies_of_one_name_are_refused() -> None:
