@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from worlds import blocks
 
 from lis_grasp import shapes
 from lis_grasp.grasping.grasps import Grasp
@@ -18,7 +19,6 @@ from lis_grasp.lifting.planned_lifts import choose_lift, permitted_lifts
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.lift import simulate_lift
 from lis_grasp.world import ALONE, Body, Surroundings
-from tests.worlds import blocks
 
 BOX = shapes.build("box").mesh  # 84 x 60 x 120 mm about the origin
 TABLE = float(BOX.bounds[0, 2])

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from worlds import blocks
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.grasping.grasps import GraspSearch
@@ -15,7 +16,6 @@ from lis_grasp.results.report import world_facts
 from lis_grasp.stages.regrasp import Attempt
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.task.task import Task
-from tests.worlds import blocks
 
 ERROR = 0.002  # [m]
 
