@@ -232,7 +232,6 @@ def floating(hand: str, time_step: float, *, by_parser: bool = False) -> tuple[A
     instance = Parser(plant).AddModels(WSG50) if by_parser else None
     added = add_hand(plant, hand, instance=instance)
     plant.Finalize()
-    plant.SetDefaultFloatingBaseBodyPose(added.base, RigidTransform(DOWN, [0.0, 0.0, 0.4]))
     wrist = added.add_wrist(builder)
     builder.Connect(wrist.get_output_port(), plant.get_applied_spatial_force_input_port())
     goal = AbstractValue.Make(RigidTransform(DOWN, [0.0, 0.0, 0.45]))
@@ -244,6 +243,7 @@ def floating(hand: str, time_step: float, *, by_parser: bool = False) -> tuple[A
     builder.Connect(fingers.get_output_port(), desired)
     simulator = Simulator(builder.Build())
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    plant.SetFreeBodyPose(context, added.base, RigidTransform(DOWN, [0.0, 0.0, 0.4]))
     added.set_joint_positions(context, np.clip(0.01, added.hand.lower, added.hand.upper))
     return plant, added, simulator
 
