@@ -35,7 +35,7 @@ class BodiesBeside:
     def __init__(self, hand: Hand, surroundings: Surroundings) -> None:
         self._hand, self._bodies = hand, surroundings
         self._X_WE = np.eye(4)
-        self._balls = {p.finger: _balls(hand, p) for p in hand.probe_postures.values()}
+        self._balls = {p.finger: balls_in_links(hand, p) for p in hand.probe_postures.values()}
         self._build()
 
     def _build(self) -> None:
@@ -184,7 +184,7 @@ def _moved(X: FloatArray, motion: FloatArray) -> FloatArray:
     return moved
 
 
-def _balls(hand: Hand, posture: ProbePosture) -> FloatArray:
+def balls_in_links(hand: Hand, posture: ProbePosture) -> FloatArray:
     """Return balls inside a hand's links in a posture, centres in H and radii [m], (S, 4)."""
     links = hand.forward_kinematics(np.eye(4), posture.joint_positions)
     balls = []

@@ -17,12 +17,12 @@ from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate, unit
 from lis_grasp.motion import OBJECT
 from lis_grasp.probing.approach_planner import NO_FREE_START, Approach, leading_center
+from lis_grasp.probing.bodies_beside import balls_in_links
 from lis_grasp.probing.course import Course, Leg, Slide
 from lis_grasp.probing.probe_planner import ProbePlanner
 from lis_grasp.probing.true_bodies import TrueBodies
 from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.link_bodies import balls_inside
 from lis_grasp.robots.robot_model import ProbePosture
 from lis_grasp.shapes.mesh_distance import any_inside
 from lis_grasp.typing import FloatArray
@@ -338,11 +338,6 @@ def _no_start(met: str) -> str:
 
 def _balls_in_hand(hand: Hand, posture: ProbePosture) -> FloatArray:
     """Return balls inside the links, centres in H and radii [m], shape (S, 4); the leader first."""
-    links = hand.forward_kinematics(np.eye(4), posture.joint_positions)
-    balls = [np.append(leading_center(hand, posture), posture.radius)[None]]
-    for geometry in hand.link_geometries:
-        centers, radii = balls_inside(geometry)
-        centers_H = apply_pose(links[geometry.link] @ geometry.X_LG, centers)
-        inside = np.column_stack([centers_H, radii])
-        balls.append(inside[np.linalg.norm(inside - balls[0], axis=1) > TOUCHING])
-    return np.concatenate(balls)
+    leader = np.append(leading_center(hand, posture), posture.radius)
+    inside = balls_in_links(hand, posture)
+    return np.vstack([leader, inside[np.linalg.norm(inside - leader, axis=1) > TOUCHING]])

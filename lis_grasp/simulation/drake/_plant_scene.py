@@ -13,7 +13,6 @@ from pydrake.geometry import (
     GeometrySet,
     Role,
 )
-from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
     ContactResults,
@@ -29,6 +28,7 @@ from lis_grasp.lifting.scene import Touched
 from lis_grasp.simulation.drake.contact_patches import LinkContact, link_contacts
 from lis_grasp.simulation.drake.hand_plant import HandInPlant
 from lis_grasp.simulation.drake.object_plant import ObjectInPlant, let_rest
+from lis_grasp.simulation.drake.plant_parts import rigid
 from lis_grasp.simulation.drake.surroundings_plant import (
     Pusher,
     SurroundingsInPlant,
@@ -119,8 +119,7 @@ class PlantScene:
 
     def place_object(self, X_WO: FloatArray) -> None:
         """Set the pose of the object, shape (4, 4): a rotation but for rounding."""
-        R_WO = RotationMatrix.ProjectToRotationMatrix(X_WO[:3, :3])
-        self.object_joint.SetPose(self.context, RigidTransform(R_WO, X_WO[:3, 3]))
+        self.object_joint.SetPose(self.context, rigid(X_WO))
 
     def lock_object(self) -> None:
         """Lock the object where it is.

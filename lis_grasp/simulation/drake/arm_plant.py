@@ -29,6 +29,7 @@ from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.object_mass import USUAL_FRICTION
 from lis_grasp.simulation.drake._plant_scene import PlantScene
+from lis_grasp.simulation.drake.contact_patches import patch_forces, point_forces
 from lis_grasp.simulation.drake.hand_plant import LIFTING_SKIN, HandInPlant
 from lis_grasp.simulation.drake.link_plant import LinksInPlant, add_links, add_skin
 from lis_grasp.simulation.drake.object_plant import spatial_inertia
@@ -243,19 +244,12 @@ class ArmWatch:
         """Count unwanted contacts; return whether one of them ends the motion."""
         results: ContactResults = self._results.Eval(self._context)
         hand, ends = self._arm.hand.link_of_geometry, False
-        for i in range(results.num_hydroelastic_contacts()):
-            info = results.hydroelastic_contact_info(i)
-            surface = info.contact_surface()
-            pair = surface.id_M(), surface.id_N()
-            force = float(np.linalg.norm(info.F_Ac_W().translational()))
-            if self._table not in pair and (pair[0] in hand or pair[1] in hand):
+        for first, second, force in patch_forces(results):
+            if self._table not in (first, second) and (first in hand or second in hand):
                 self.use.contact_force = max(self.use.contact_force, force)
-            ends |= self._count(*pair, force)
-        for i in range(results.num_point_pair_contacts()):
-            point_info = results.point_pair_contact_info(i)
-            points = point_info.point_pair()
-            force = float(np.linalg.norm(point_info.contact_force()))
-            ends |= self._count(points.id_A, points.id_B, force)
+            ends |= self._count(first, second, force)
+        for first, second, force in point_forces(results):
+            ends |= self._count(first, second, force)
         return ends
 
     def _count(self, first: GeometryId, second: GeometryId, force: float) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,6 +60,23 @@ class FlatPart:
     point: FloatArray  # (3,) [m]: area-weighted centroid
     normal: FloatArray  # (3,), unit, out of the object: area-weighted mean
     force: float  # fraction, by area, of the patch's normal force [N]
+
+
+def patch_forces(results: ContactResults) -> Iterator[tuple[GeometryId, GeometryId, float]]:
+    """Yield the geometries of each hydroelastic contact, and the size of its force [N]."""
+    for i in range(results.num_hydroelastic_contacts()):
+        info = results.hydroelastic_contact_info(i)
+        surface = info.contact_surface()
+        force = float(np.linalg.norm(info.F_Ac_W().translational()))
+        yield surface.id_M(), surface.id_N(), force
+
+
+def point_forces(results: ContactResults) -> Iterator[tuple[GeometryId, GeometryId, float]]:
+    """Yield the geometries of each contact of points, and the size of its force [N]."""
+    for i in range(results.num_point_pair_contacts()):
+        info = results.point_pair_contact_info(i)
+        points = info.point_pair()
+        yield points.id_A, points.id_B, float(np.linalg.norm(info.contact_force()))
 
 
 def link_contacts(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -23,12 +24,13 @@ from pydrake.geometry import (
     SceneGraph,
     Shape,
 )
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import ContactResults, CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context
 
 from lis_grasp.robots.robot_model import LinkGeometry
+from lis_grasp.simulation.drake.contact_patches import patch_forces, point_forces
 from lis_grasp.simulation.drake.link_plant import primitive_shape
 from lis_grasp.simulation.drake.object_plant import (
     TABLE_DISSIPATION,
@@ -36,6 +38,7 @@ from lis_grasp.simulation.drake.object_plant import (
     in_memory,
     spatial_inertia,
 )
+from lis_grasp.simulation.drake.plant_parts import rigid
 from lis_grasp.typing import FloatArray
 from lis_grasp.world import Body, Surroundings
 
@@ -76,7 +79,7 @@ class SurroundingsInPlant:
         for name in self.grounds.keys() & poses.keys():
             # Drake gives a body without a joint this one: six degrees of freedom.
             (joint,) = self.plant.GetJointIndices(self.bodies[name].model_instance())
-            self.plant.get_joint(joint).SetPose(context, _rigid(poses[name]))
+            self.plant.get_joint(joint).SetPose(context, rigid(poses[name]))
 
     def forces(
         self, results: ContactResults, pushers: Mapping[GeometryId, Pusher]
@@ -86,7 +89,7 @@ class SurroundingsInPlant:
         They are sums over contacts of the sizes of their forces.
         """
         sums: dict[tuple[str, Pusher], float] = {}
-        for first, second, force in _contact_forces(results):
+        for first, second, force in chain(patch_forces(results), point_forces(results)):
             for own, other in ((first, second), (second, first)):
                 name, who = self.name_of_geometry.get(own), pushers.get(other)
                 if name is not None and who is not None:
@@ -142,7 +145,7 @@ def add_surroundings(plant: MultibodyPlant, surroundings: Surroundings) -> Surro
     bodies: dict[str, RigidBody] = {}
     grounds: dict[str, GeometryId] = {}
     names: dict[GeometryId, str] = {}
-    rigid: set[GeometryId] = set()
+    hard: set[GeometryId] = set()
     for body in surroundings:
         added = bodies[body.name] = _add_body(plant, body)
         for number, (shape, X_BG, fineness) in enumerate(_shapes(body)):
@@ -151,7 +154,7 @@ def add_surroundings(plant: MultibodyPlant, surroundings: Surroundings) -> Surro
             )
             names[geometry] = body.name
             if fineness is None:
-                rigid.add(geometry)
+                hard.add(geometry)
         if body.inertial is not None:
             grounds[body.name] = add_support(
                 plant,
@@ -161,14 +164,14 @@ def add_surroundings(plant: MultibodyPlant, surroundings: Surroundings) -> Surro
                 mass=body.inertial.mass,
                 name=f"ground of {body.name}",
             )
-    return SurroundingsInPlant(surroundings, plant, bodies, names, frozenset(rigid), grounds)
+    return SurroundingsInPlant(surroundings, plant, bodies, names, frozenset(hard), grounds)
 
 
 def _add_body(plant: MultibodyPlant, body: Body) -> RigidBody:
     instance, inertial = plant.AddModelInstance(f"beside {body.name}"), body.inertial
     if inertial is None:
         fixed = plant.AddRigidBody(body.name, instance)
-        plant.WeldFrames(plant.world_frame(), fixed.body_frame(), _rigid(body.X_EB))
+        plant.WeldFrames(plant.world_frame(), fixed.body_frame(), rigid(body.X_EB))
         return fixed
     inertia = spatial_inertia(inertial.mass, inertial.center_L, inertial.inertia_L)
     return plant.AddRigidBody(body.name, instance, inertia)
@@ -180,7 +183,7 @@ def _shapes(body: Body) -> Iterator[tuple[Shape, RigidTransform, float | None]]:
     It is None for a rigid shape.
     """
     for geometry in body.geometries:
-        X_BG = _rigid(geometry.X_LG)
+        X_BG = rigid(geometry.X_LG)
         if geometry.kind != "mesh":
             yield primitive_shape(geometry), X_BG, _FACETS * min(geometry.dimensions)
             continue
@@ -210,20 +213,3 @@ def _properties(body: Body, fineness: float | None) -> ProximityProperties:
     else:
         AddRigidHydroelasticProperties(properties)
     return properties
-
-
-def _contact_forces(results: ContactResults) -> Iterator[tuple[GeometryId, GeometryId, float]]:
-    """Yield the pair of geometries of each contact, and the size of its force [N]."""
-    for i in range(results.num_hydroelastic_contacts()):
-        info = results.hydroelastic_contact_info(i)
-        surface = info.contact_surface()
-        force = float(np.linalg.norm(info.F_Ac_W().translational()))
-        yield surface.id_M(), surface.id_N(), force
-    for i in range(results.num_point_pair_contacts()):
-        point_info = results.point_pair_contact_info(i)
-        pair = point_info.point_pair()
-        yield pair.id_A, pair.id_B, float(np.linalg.norm(point_info.contact_force()))
-
-
-def _rigid(X: FloatArray) -> RigidTransform:
-    return RigidTransform(RotationMatrix.ProjectToRotationMatrix(X[:3, :3]), X[:3, 3])
