@@ -178,7 +178,7 @@ def test_an_estimate_without_contradiction_is_returned_as_it_is(free: dict) -> N
 def test_a_margin_shrinks_the_balls() -> None:
     contacts = on_ball(some_directions(3), free_points=[[0.06, 0.0, 0.0]], free_radii=[0.015])
     surface = carved(WITH_LOBE, contacts, margin=0.002, growth=0.0)
-    np.testing.assert_allclose(surface.radii, 0.013)
+    np.testing.assert_allclose(surface.spaces[0].radii, 0.013)
     for option in ("margin", "growth"):
         with pytest.raises(InvalidOptionError) as error:
             carved(WITH_LOBE, contacts, **{option: -0.001})
@@ -202,7 +202,7 @@ def test_a_ball_deep_inside_grows_at_most_halfway_to_a_contact(
     pole = np.array([[1.0, 0.0, 0.0]])
     contacts = on_ball(pole, free_points=[center], free_radii=[0.005])
     surface = carved(WITH_LOBE, contacts)
-    np.testing.assert_allclose(surface.radii, [grown], atol=1e-12)
+    np.testing.assert_allclose(surface.spaces[0].radii, [grown], atol=1e-12)
 
 
 # ---------------------------------------------------------------- the hand
