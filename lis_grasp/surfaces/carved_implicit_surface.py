@@ -276,8 +276,8 @@ def _grown(radii: FloatArray, nearest: FloatArray, values: FloatArray, growth: f
     return np.maximum(radii, np.minimum(radii - growth * values, 0.5 * (radii + nearest)))
 
 
-def standing_on(contacts: Contacts, support_height: float) -> Contacts:
-    """Return contacts, and the further ones that a table at a height [m] implies.
+def walls_down_to(support_height: float, contacts: Contacts) -> Contacts:
+    """Return guessed contacts below the walls of contacts near a table at a height [m].
 
     No fingertip gets below a contact near the table. A wall there is assumed to continue straight
     down: one more contact is below it, at the table.
@@ -288,7 +288,7 @@ def standing_on(contacts: Contacts, support_height: float) -> Contacts:
     walls = replace(walls, free_points=np.empty((0, 3)), free_radii=np.empty(0))
     feet = walls.points * [1, 1, 0] + [0.0, 0.0, support_height]
     level = unit(walls.normals * [1, 1, 0])
-    return contacts.append(replace(walls, points=feet, normals=level))
+    return replace(walls, points=feet, normals=level)
 
 
 def above_table(surface: ImplicitSurface, support_height: float | None) -> ImplicitSurface:
