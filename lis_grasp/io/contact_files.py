@@ -59,11 +59,11 @@ def read_contact_file(path: Path) -> dict[str, Any]:
     fields = read_point_file(path)
     del fields["approach"]
     if fields["normals"] is None:
-        message = (
-            f"{path} lacks {', '.join(NORMAL)}; a contact needs an outward normal: load the file"
-            " with surfaces.load_contacts, which estimates them"
+        raise InvalidFileError.of(
+            path,
+            f"lacks {', '.join(NORMAL)}; a contact needs an outward normal: load the file with"
+            " surfaces.load_contacts, which estimates them",
         )
-        raise InvalidFileError(message, path=path)
     return fields
 
 
@@ -171,13 +171,13 @@ def _numbers(
     known = known_columns(path, columns)
     lists = [name for name, column in known.items() if columns[column.name].dtype == object]
     if lists:
-        message = f"{path} has lists where {', '.join(lists)} must be numbers"
-        raise InvalidFileError(message, path=path)
+        raise InvalidFileError.of(path, f"has lists where {', '.join(lists)} must be numbers")
     numbers = {n: c.factor * columns[c.name].astype(np.float64) for n, c in known.items()}
     lengths = {len(column) for column in numbers.values()}
     if len(lengths) > 1:
-        message = f"{path} has columns of {' and '.join(map(str, sorted(lengths)))} rows"
-        raise InvalidFileError(message, path=path)
+        raise InvalidFileError.of(
+            path, f"has columns of {' and '.join(map(str, sorted(lengths)))} rows"
+        )
     return numbers, stated_unit(path, known)
 
 
@@ -210,8 +210,11 @@ def _vertices_of_off(path: Path) -> dict[str, npt.NDArray[Any]]:
 
 def _require_no_faces(path: Path, faces: int) -> None:
     if faces:
-        message = f"{path} is a surface of {faces} faces: `lis-grasp grasp {path}` plans on it;"
-        raise InvalidFileError(f"{message} contacts are points alone", path=path)
+        raise InvalidFileError.of(
+            path,
+            f"is a surface of {faces} faces: `lis-grasp grasp {path}` plans on it; contacts are"
+            " points alone",
+        )
 
 
 _READERS = {".pcd": read_pcd, ".npy": read_npy, ".npz": read_npz, ".off": _vertices_of_off}
@@ -232,8 +235,9 @@ def _finger_names(path: Path, comments: Sequence[str], index: FloatArray) -> tup
         message = f"{path}: the comment 'fingers' must be a JSON list of names; it is not"
         raise InvalidFileError(message, path=path) from None
     if len(whole) and not (whole.min() >= 0 and whole.max() < len(names)):
-        message = f"{path} has a finger {whole.max()}, but names {len(names)} fingers"
-        raise InvalidFileError(message, path=path)
+        raise InvalidFileError.of(
+            path, f"has a finger {whole.max()}, but names {len(names)} fingers"
+        )
     return tuple(names[i] for i in whole)
 
 
