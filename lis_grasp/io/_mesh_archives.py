@@ -85,7 +85,8 @@ def read_3mf(path: Path) -> tuple[FloatArray, IntArray, float, tuple[str, ...]]:
                 printed, kinds = slicer.printed(number, len(corners))
                 others += kinds
                 placed.append((apply_pose(X, vertices), corners[printed]))
-            uses += [(part, number, component, X) for component in _components(element)]
+            components = (each for each in element.iter() if _is(each, "component"))
+            uses += [(part, number, component, X) for component in components]
             size += sum(vertices.nbytes + corners.nbytes for vertices, corners in meshes)
             require_small(size)
             if len(uses) > _MOST_USES:
@@ -131,10 +132,6 @@ def _transform(text: str | None) -> FloatArray:
         return np.eye(4)
     rows = np.array(text.split(), dtype=np.float64).reshape(4, 3)
     return make_pose(rows[:3].T, rows[3])
-
-
-def _components(element: Element) -> list[Element]:
-    return [each for each in element.iter() if _is(each, "component")]
 
 
 def _meshes(element: Element) -> _Meshes:
