@@ -124,7 +124,7 @@ class Agent:
     def perception(self) -> Perception:
         """The settings of its estimates."""
         height = self.support_height if self.on_table else None
-        return Perception.of(self.robot, self.decide, height)
+        return Perception.of(self.robot, self.decide, height, self.known_bodies)
 
     @cached_property
     def cloud_contacts(self) -> Contacts:

@@ -1,6 +1,7 @@
 """Estimate stage: the surface of an object from contacts, composed once for every caller.
 
     contacts -> judged -> standing on the table -> estimator -> less free space -> above the table
+        -> outside of other bodies
 
 `SurfaceEstimate` has each of these parts, made at its first use.
 """
@@ -22,7 +23,12 @@ from lis_grasp.io.units import LARGEST
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.records import Record
 from lis_grasp.surfaces import ContactVerdicts, Estimator, ImplicitSurface, judge_contacts
-from lis_grasp.surfaces.carved_implicit_surface import above_table, carved, standing_on
+from lis_grasp.surfaces.carved_implicit_surface import (
+    above_table,
+    carved,
+    outside_bodies,
+    standing_on,
+)
 from lis_grasp.surfaces.contact_checks import (
     NormalSide,
     doubt_of_side,
@@ -39,6 +45,7 @@ from lis_grasp.surfaces.estimators import (
 )
 from lis_grasp.task.decide import Decide
 from lis_grasp.task.robot import Robot
+from lis_grasp.world import KnownBodies
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)  # no slots: for cached_property
@@ -59,9 +66,16 @@ class Perception:
     margin: float | None = None  #: by which free space shrinks [m]; None for the sensor's
     options: Mapping[str, Any] = field(default_factory=dict)  #: further keywords of the estimator
     normals: NormalSide | None = None  #: side to which normals point; None requires outward ones
+    bodies: KnownBodies | None = None  #: beside the object, in the frame of the contacts
 
     @classmethod
-    def of(cls, robot: Robot, decide: Decide, support_height: float | None) -> Perception:
+    def of(
+        cls,
+        robot: Robot,
+        decide: Decide,
+        support_height: float | None,
+        bodies: KnownBodies | None = None,
+    ) -> Perception:
         """Return a robot's settings for an object on a table at a height [m], or without a table.
 
         Its contacts are simulated, or were checked when they were read: normals are outward.
@@ -73,6 +87,7 @@ class Perception:
             keep_all=decide.keep_all,
             support_height=support_height,
             normals="outward",
+            bodies=bodies,
         )
 
     @cached_property
@@ -153,12 +168,13 @@ class SurfaceEstimate(Record):
 
     @cached_property
     def surface(self) -> ImplicitSurface:
-        """The surface, without free space and above the table."""
+        """The surface, without free space, above the table and outside of other bodies."""
         known, surface = self.perception, self.solid
         if known.free_space:
             margin = known.sensor.free_margin if known.margin is None else known.margin
             surface = carved(surface, self.credible, margin=margin)
-        return above_table(surface, known.support_height)
+        surface, bodies = above_table(surface, known.support_height), known.bodies
+        return surface if bodies is None else outside_bodies(surface, bodies.distances, bodies.band)
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -25,6 +26,9 @@ _PLACES = np.vstack([np.zeros((1, 3)), AXES, _CORNERS])  # (15, 3)
 
 # Walls that go on down to a table: contacts this near to it [m], normals with such parts upward.
 _NEAR_TABLE, _LARGEST_SLOPE = 0.0135, 0.2
+
+# Step of differences, for the gradient of the distance from a body [m].
+_DIFFERENCE = 1e-6
 
 # An estimate is about a distance: a ball whose centre has a value of this many radii is free.
 _FAR = 1.5
@@ -132,6 +136,40 @@ class AboveTableImplicitSurface(_Remainder):
         return np.arange(len(points)), self.support_height - points[:, 2], down
 
 
+@methods_underflow
+@dataclass(frozen=True, slots=True, eq=False)
+class OutsideBodiesImplicitSurface(_Remainder):
+    """An estimate minus other bodies that are known (CSG difference).
+
+    f(x) = max(g(x), m - d(x))
+
+    with the estimate g, the signed distance d from the nearest body, and a margin m. The hand
+    cannot touch a side that a wall hides: there the estimate is extrapolated, at times into the
+    wall. The uncertainty there is combined with the depth inside the estimate.
+    """
+
+    distances: Callable[[FloatArray], FloatArray]  #: of points (P, 3), (P,) [m], below 0 inside
+    margin: float  #: from the bodies [m]
+
+    __repr__ = short_repr
+
+    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
+        """Return one standard deviation of the surface along its normal, shape (...) [m]."""
+        rows, shape = flat_points(points)
+        values, deviations = self.surface.evaluate(rows), np.array(self.surface.uncertainty(rows))
+        cut = self.margin - self.distances(rows) > values
+        deviations[cut] = np.hypot(deviations[cut], np.minimum(values[cut], 0.0))
+        return deviations.reshape(shape)
+
+    def _depths(self, points: FloatArray, values: FloatArray) -> _Depths:
+        depths = self.margin - self.distances(points)
+        deeper, slopes = np.flatnonzero(depths > values), np.zeros((len(points), 3))
+        for axis, step in enumerate(_DIFFERENCE * np.eye(3)):
+            ends = [self.distances(points[deeper] + sign * step) for sign in (-1.0, 1.0)]
+            slopes[deeper, axis] = (ends[0] - ends[1]) / (2.0 * _DIFFERENCE)
+        return np.arange(len(points)), depths, slopes
+
+
 def carved(
     surface: ImplicitSurface, contacts: Contacts, *, margin: float = 0.0, growth: float = 1.0
 ) -> ImplicitSurface:
@@ -233,3 +271,17 @@ def above_table(surface: ImplicitSurface, support_height: float | None) -> Impli
     if support_height is None:
         return surface
     return AboveTableImplicitSurface(surface, support_height)
+
+
+def outside_bodies(
+    surface: ImplicitSurface, distances: Callable[[FloatArray], FloatArray], margin: float
+) -> ImplicitSurface:
+    """Return an estimate without what other bodies, a margin [m] thicker, take up.
+
+    `distances` are signed, of points (P, 3), shape (P,) [m]. Where no body is near, the estimate
+    itself is returned.
+    """
+    low, high = surface.bounds
+    if distances(0.5 * (low + high)[None])[0] > 0.5 * np.linalg.norm(high - low) + margin:
+        return surface
+    return OutsideBodiesImplicitSurface(surface, distances, margin)
