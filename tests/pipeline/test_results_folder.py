@@ -306,6 +306,8 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
         "closings": 2,
         "simulator": "mujoco",
         "arm": "iiwa14",
+        "camera": True,
+        "views": ("view.npz",),
     }
     based = {"arm": "iiwa14", "base": (-0.5, 0.0, 0.1)}
     every = {"fingers": "all", "prober": "kinematic"}
