@@ -142,7 +142,7 @@ class TargetPolicy:
 
     space: Workspace
     select: TargetSelector = frontier
-    guess: Callable[[Contacts], ImplicitSurface] | None = None
+    guess: Callable[..., ImplicitSurface] | None = None
     neighbours: Neighbours | None = None
 
     def avoiding(self, neighbours: Neighbours) -> TargetPolicy:
@@ -170,7 +170,9 @@ class TargetPolicy:
         own = searched = DeferredEstimate.of(surface, contacts)
         guess = self.guess
         if guess is not None:
-            searched = own.derived("guess", None, lambda: DeferredEstimate(guess, known))
+            searched = own.derived(
+                "guess", None, lambda: DeferredEstimate(guess, known, prior=own.prior)
+            )
         sideways = concavity_probe(space, contacts, searched, outcomes, rng)
         if sideways is not None:
             return sideways

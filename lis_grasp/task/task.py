@@ -11,7 +11,16 @@ from typing import Any, TypeVar
 
 from lis_grasp.contacts import FARTHEST
 from lis_grasp.exceptions import InvalidOptionError, listed, nearest_or_all
-from lis_grasp.io.option import Option, at_least, checked_value, kind_of, option, options_of, within
+from lis_grasp.io.option import (
+    Option,
+    at_least,
+    checked_value,
+    items_of,
+    kind_of,
+    option,
+    options_of,
+    within,
+)
 from lis_grasp.shapes import STABLE
 from lis_grasp.task.decide import Decide
 from lis_grasp.task.known import Known
@@ -20,10 +29,13 @@ from lis_grasp.task.world import World
 from lis_grasp.world import Surroundings
 
 IDEAL_SENSOR: Mapping[str, Any] = MappingProxyType(dict.fromkeys(REAL_SENSOR, 0.0))
-"""A sensor without noise."""
+"""A tactile sensor without noise."""
+
+IDEAL_CAMERA: Mapping[str, Any] = MappingProxyType({"hand_eye": (0.0, 0.0), "depth_noise": "none"})
+"""A camera without noise, at exactly the known pose."""
 
 KNOWN: Mapping[str, Any] = MappingProxyType(
-    {"pose": None, "region": None, "free": False, "load": "known", **IDEAL_SENSOR}
+    {"pose": None, "region": None, "free": False, "load": "known", **IDEAL_SENSOR, **IDEAL_CAMERA}
 )
 """Place, size, mass and friction are known, the object is fixed at its mesh's pose, and the
 sensor is ideal. Without these, only a region is known, the object is free in a stable pose, and the
@@ -187,6 +199,11 @@ def task_options() -> dict[str, Option]:
 def option_kind(name: str) -> type:
     """Return the type of an option's values beside None; see `kind_of`."""
     return kind_of(next((p for p in PARTS.values() if name in options_of(p)), Task), name)
+
+
+def option_items(name: str) -> type:
+    """Return the type of the items of an option that is a tuple; see `items_of`."""
+    return items_of(next(p for p in PARTS.values() if name in options_of(p)), name)
 
 
 def option_default(name: str) -> Any:

@@ -307,6 +307,8 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
         "simulator": "mujoco",
         "place": "table",
         "arm": "iiwa14",
+        "camera": True,
+        "views": ("view.npz",),
     }
     based = {"arm": "iiwa14", "base": (-0.5, 0.0, 0.1)}
     every = {"fingers": "all", "prober": "kinematic"}
