@@ -159,6 +159,11 @@ class Task:
         return self.world.pose is not None or self.world.is_free or self.robot.arm is not None
 
     @property
+    def sees(self) -> bool:
+        """Whether cameras see the object before the first touch."""
+        return self.robot.camera or bool(self.known.views)
+
+    @property
     def may_slide(self) -> bool:
         """Whether a fingertip may slide: on a fixed object, alone, and without an arm."""
         return not self.world.is_free and self.robot.arm is None and self.decide.fingers == "one"

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidViewError
 from lis_grasp.records import Record
+from lis_grasp.surfaces import FreeSpace
 from lis_grasp.surfaces.contact_preparation import thin_contacts
 from lis_grasp.typing import BoolArray, FloatArray
 from lis_grasp.views.depth_view import DepthView
@@ -178,7 +179,7 @@ class Views(Record):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FreeViews(Record):
+class FreeViews(FreeSpace, Record):
     """Space that any of several views shows to be free, by a margin for their displacement."""
 
     views: tuple[DepthView, ...]
