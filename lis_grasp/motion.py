@@ -101,7 +101,7 @@ class Motion(Record):
         Raises `InvalidFileError` if the file is missing or has no motion.
         """
         path = Path(path)
-        times, names, poses = read_arrays(path, ("times", "names", "poses"))
+        times, names, poses = read_arrays(path, ("times", "names", "poses")).values()
         try:
             return cls(times, dict(zip(map(str, names), poses, strict=True)))
         except (TypeError, ValueError, InvalidOptionError) as error:

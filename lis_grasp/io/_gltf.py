@@ -20,32 +20,26 @@ def require_readable_gltf(path: Path) -> None:
     Raises `InvalidFileError` if a buffer is no file of at most 256 MiB, and OSError if it is
     missing.
     """
-    header = _gltf_header(path)
-    accessors = header.get("accessors", [])
-    modes = {
-        primitive.get("mode") for m in header.get("meshes", []) for primitive in m["primitives"]
-    }
-    needed = [n for n in header.get("extensionsRequired", []) if not _HARMLESS.search(n)]
-    needed += ["sparse accessors"] if any("sparse" in each for each in accessors) else []
-    needed += ["triangle fans"] if _FAN in modes else []
-    if needed:
-        message = f"it needs {', '.join(needed)}, which are not read"
-        raise ReadError(message, "export plain triangles, without compression")
-    # trimesh fills an accessor without a view with as many zeros as it announces.
-    if sum(each["count"] for each in accessors if "bufferView" not in each) > path.stat().st_size:
-        raise ReadError("it announces more than it has")
-    for buffer in header.get("buffers", []):
-        if not (uri := buffer.get("uri", "data:")).startswith("data:"):
-            require_file_size(path.parent / unquote(uri), MOST_UNPACKED)
-
-
-def _gltf_header(path: Path) -> Any:
     text = path.read_bytes()
     if path.suffix.lower() == ".glb":
         if text[:4] != b"glTF":
             raise ReadError("it has no header of GLB 2")
         text = text[20 : 20 + int.from_bytes(text[12:16], "little")]  # the first chunk
     try:
-        return json.loads(text)
+        header: dict[str, list[Any]] = json.loads(text)
     except json.JSONDecodeError as error:
         raise ReadError(reason_of(error, "JSON")) from None
+    accessors = header.get("accessors", [])
+    primitives = [part for mesh in header.get("meshes", []) for part in mesh["primitives"]]
+    needed = [n for n in header.get("extensionsRequired", []) if not _HARMLESS.search(n)]
+    needed += ["sparse accessors"] if any("sparse" in each for each in accessors) else []
+    needed += ["triangle fans"] if any(part.get("mode") == _FAN for part in primitives) else []
+    if needed:
+        message = f"it needs {', '.join(needed)}, which are not read"
+        raise ReadError(message, "export plain triangles, without compression")
+    # trimesh fills an accessor without a view with as many zeros as it announces.
+    if sum(each["count"] for each in accessors if "bufferView" not in each) > path.stat().st_size:
+        raise ReadError("it announces more than it has")
+    for uri in (buffer.get("uri", "data:") for buffer in header.get("buffers", [])):
+        if not uri.startswith("data:"):
+            require_file_size(path.parent / unquote(uri), MOST_UNPACKED)

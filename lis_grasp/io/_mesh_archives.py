@@ -16,7 +16,7 @@ from defusedxml import DefusedXmlException, ElementTree
 from lis_grasp.geometry import apply_pose, make_pose
 from lis_grasp.io._mesh_text import triangulate
 from lis_grasp.io._slicer_parts import SlicerParts, left_out
-from lis_grasp.io.limits import MOST_UNPACKED, ReadError, reason_of, require_small_archive
+from lis_grasp.io.limits import ReadError, reason_of, require_small
 from lis_grasp.typing import FloatArray, IntArray
 
 _UNITS_3MF: Mapping[str, float] = {
@@ -51,7 +51,7 @@ def read_3mf(path: Path) -> Archived:
     has a component inside of itself or a part to subtract.
     """
     with path.open("rb") as file, zipfile.ZipFile(file) as archive:
-        require_small_archive(archive.infolist())
+        require_small(sum(member.file_size for member in archive.infolist()))
         if "_rels/.rels" not in archive.namelist():
             raise ReadError("it is an archive without a model")
         links = _parsed(archive.read("_rels/.rels"))
@@ -95,7 +95,8 @@ def read_3mf(path: Path) -> Archived:
                 placed.append((apply_pose(X, vertices), corners[printed]))
             uses += [(part, number, component, X) for component in _components(element)]
             size += sum(vertices.nbytes + corners.nbytes for vertices, corners in meshes)
-            if len(uses) > _MOST_USES or size > MOST_UNPACKED:
+            require_small(size)
+            if len(uses) > _MOST_USES:
                 raise ReadError(f"it has components inside of themselves, or over {_MOST_USES}")
     if not placed and others:
         raise ReadError(f"all that it has is no matter: {others[0]}", "mark the object as printed")

@@ -105,8 +105,10 @@ def _read_fields(path: Path) -> dict[str, Any]:
             return _load_csv(path)
         case ending:
             with reading(path, f"{ending[1:].upper()}", advice="write columns x,y,z as .csv"):
-                columns = _READERS.get(ending, read_rows)(path)
-                return _of_columns(path, columns)
+                fields = _of_columns(path, _READERS.get(ending, read_rows)(path))
+                if not len(fields["points"]):
+                    raise InvalidFileError(f"{path} has no points", path=path)
+                return fields
 
 
 def write_contact_file(contacts: Mapping[str, Any], path: Path, *, header: str = "") -> None:
@@ -150,15 +152,11 @@ def _load_ply(path: Path) -> dict[str, Any]:
     if "vertex" not in elements:
         raise InvalidFileError(f"{path} has no element 'vertex', so no points", path=path)
     _require_no_faces(path, len(elements.get("face", ())))
-    columns, unit = _numbers(path, _by_name(elements["vertex"]))
-    index = columns.pop("finger", None)
-    fingers = () if index is None else _finger_names(path, data.comments, index)
     free = _numbers(path, _by_name(elements["free_point"]))[0] if "free_point" in elements else {}
     return {
-        **contact_fields(path, columns, fingers),
+        **_of_columns(path, _by_name(elements["vertex"]), data.comments),
         "free_points": table(path, free, POINT) if free else np.empty((0, 3)),
         "free_radii": free.get("radius", np.empty(0)),
-        "units": unit,
     }
 
 
@@ -183,15 +181,14 @@ def _numbers(
     return numbers, stated_unit(path, known)
 
 
-def _of_columns(path: Path, columns: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
+def _of_columns(
+    path: Path, columns: Mapping[str, npt.NDArray[Any]], comments: Sequence[str] = ()
+) -> dict[str, Any]:
     """Return the fields that columns mean by their names in a file."""
     numbers, unit = _numbers(path, columns)
     index = numbers.pop("finger", None)
-    fingers = () if index is None else _finger_names(path, [], index)
-    fields = contact_fields(path, numbers, fingers)
-    if not len(fields["points"]):
-        raise InvalidFileError(f"{path} has no points", path=path)
-    return fields | {"units": unit}
+    fingers = () if index is None else _finger_names(path, comments, index)
+    return contact_fields(path, numbers, fingers) | {"units": unit}
 
 
 def _has_names(path: Path) -> bool:
@@ -220,7 +217,7 @@ def _require_no_faces(path: Path, faces: int) -> None:
 _READERS = {".pcd": read_pcd, ".npy": read_npy, ".npz": read_npz, ".off": _vertices_of_off}
 
 
-def _finger_names(path: Path, comments: list[str], index: FloatArray) -> tuple[str, ...]:
+def _finger_names(path: Path, comments: Sequence[str], index: FloatArray) -> tuple[str, ...]:
     """Return each contact's finger by name, or by number if the file has no names."""
     whole = index.astype(np.int64)
     if np.any(whole != index):

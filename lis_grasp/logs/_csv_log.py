@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Collection
 from contextlib import suppress
@@ -33,8 +32,8 @@ from lis_grasp.logs._columns import read_columns
 from lis_grasp.logs._orientations import Turns, find_turns, form_of, quaternions_of
 from lis_grasp.logs._streams import (
     LONGEST_GAP,
-    FrameTree,
     JointSeries,
+    RobotLog,
     TimedForces,
     TimedPoses,
     Topic,
@@ -46,10 +45,9 @@ _OTHERS = {"velocity", "effort"}  # other values of joints
 _LEAST_STEP = 1e-4  # [s], of a log in the right unit
 
 
-class CsvLog:
+class CsvLog(RobotLog):
     """Forces and poses of a CSV table: the topics `force`, `tip` and, if it is there, `object`."""
 
-    reach = math.inf
     unit_advice = "if its positions are in millimetres, name the columns x_mm,y_mm,z_mm"
 
     def __init__(
@@ -103,11 +101,7 @@ class CsvLog:
         if (turns := self._turns_of(topic)) is not None:
             quaternions = quaternions_of(turns, self._reading.orientation, self._columns)
         values = np.hstack([positions, quaternions])
-        return TimedPoses.collect(self._times, values, child=topic, name=topic)
-
-    def frames(self) -> FrameTree:
-        """Return no transforms: a table has none."""
-        return FrameTree({})
+        return TimedPoses.collect(self._times, values, self.base, topic, topic)
 
     def joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
         """Return positions of joints whose columns have their names, also as in bags.
@@ -129,10 +123,6 @@ class CsvLog:
                     JointSeries(title, self._times, positions)
                 )
         return found
-
-    def other_joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
-        """Return nothing: all columns of joints are used."""
-        return {}
 
     def joint_names(self) -> tuple[str, ...]:
         """Return the columns that are not understood; some may be joints."""

@@ -100,7 +100,7 @@ class TactilePatches:
         implausible ones.
         """
         try:
-            return cls(*read_arrays(Path(path), ("heights", "poses", "pitch")))
+            return cls(*read_arrays(Path(path), ("heights", "poses", "pitch")).values())
         except (InvalidOptionError, TypeError, ValueError) as error:
             message = f"{path} has no valid patches: {error}"
             raise InvalidFileError(message, path=Path(path)) from None

@@ -22,6 +22,7 @@ from lis_grasp.results.run_results import SOURCES, Run
 from lis_grasp.results.summary import headline, run_lines
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
+from lis_grasp.stages.place import corner_walls
 from lis_grasp.stages.surroundings import find_surroundings
 from lis_grasp.task.recorded_facts import read_facts
 from lis_grasp.task.task import Task
@@ -62,7 +63,7 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
         if run.truth is not None:
             content |= {"truth": run.truth.mesh, "title": f"lis_grasp: {run.truth.name}"}
     with suppress(LisGraspError):  # the page is complete without them
-        content["surroundings"] = _beside(facts, probes)
+        content["surroundings"] = _beside({**facts, **_place_of(report)}, probes)
     if facts.get("arm") is not None and "X_EA" in facts:
         height = facts.get("support_height")
         table = None if height is None else Table(float(height))
@@ -100,11 +101,19 @@ def _beside(facts: Mapping[str, Any], probes: tuple[LoggedProbe, ...] | None) ->
     The robot's error about their places is left out: the page shows the truth.
     """
     height = float(facts.get("support_height") or 0.0)
-    in_W = find_surroundings(Task.from_facts({}, facts), height)
+    task = Task.from_facts({}, facts)
+    is_corner = task.decide.place == "corner"
+    in_W = corner_walls(height) if is_corner else find_surroundings(task, height)
     if not probes:
         return in_W.in_frame(require_pose("X_WE", facts.get("X_WE", np.eye(4))))
     pushed = [probe.disturbance.poses for probe in probes if probe.disturbance is not None]
     return in_W.placed(pushed[-1] if pushed else {}).in_frame(_frame(probes))
+
+
+def _place_of(report: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return the kind of place in a report, which no header has; nothing without one."""
+    config = {} if report is None else report.get("config", {})
+    return {"place": config["place"]} if config.get("place") else {}
 
 
 def _frame(probes: tuple[LoggedProbe, ...] | None) -> FloatArray:

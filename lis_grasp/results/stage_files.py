@@ -126,7 +126,8 @@ class StoredStages(Stages):
         with self._progress.stage(title) as stage, self._watch.measure("lift"):
             outcome = super().lift(scenario, grasp, mesh, accept_grasp)
             outcome.motion.save(self._folder / "motion.npz")
-            stage.result = outcome.reason
+            put = outcome.place
+            stage.result = outcome.reason + ("" if put is None else f", {put.reason}")
         return outcome
 
     def touch_more(

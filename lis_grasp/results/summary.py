@@ -9,6 +9,7 @@ from typing import Any
 
 from lis_grasp.arms.use import violations
 from lis_grasp.exceptions import counted
+from lis_grasp.results.placed import place_lines
 
 # Below this intersection over union the estimate is called poor.
 _LOW_IOU = 0.8
@@ -102,7 +103,7 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
         why = LIFT_REASONS.get(lift["reason"], lift["reason"])  # a later version's as is
         why = no_grasp_sentence(grasps["rejections"], grasps.get("hit_bodies")) if no_grasp else why
         lines.append(f"{lifted}: {why}")
-    lines += _world_lines(report)
+    lines += place_lines(report) + _world_lines(report)
     if "arm" in report:
         lines.append(_arm_line(report))
     return tuple(lines)
@@ -125,6 +126,9 @@ def headline(report: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     outcome = "held" if lift["held"] else lift["reason"].replace("_", " ")
     lifted = "lifted, but not held" if lift["lifted"] else "not held"
     numbers = [(outcome, "lifted and shaken" if lift["held"] else lifted)]
+    if (place := report.get("place")) is not None:
+        how = "stands as planned" if place["placed"] else "not placed"
+        numbers.append((place["reason"].replace("_", " "), how))
     if report["surface"]["rmsd"] is not None:
         numbers.append((f"{1e3 * report['surface']['rmsd']:.1f} mm", "error of the estimate"))
     numbers.append((f"{report['touches']}", "touches"))

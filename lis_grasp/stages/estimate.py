@@ -50,6 +50,7 @@ from lis_grasp.surfaces.estimators import (
     require_noise_below_size,
     require_signs,
 )
+from lis_grasp.surfaces.measured_extents import measured_extents
 from lis_grasp.task.decide import Decide
 from lis_grasp.task.robot import Robot
 from lis_grasp.typing import FloatArray
@@ -110,14 +111,18 @@ class Perception:
         noise |= {kind: value for kind, value in known.items() if value}
         return partial(find_estimator(self.estimator), **noise)
 
-    def judge(self, contacts: Contacts) -> ContactVerdicts:
-        """Return the verdicts on contacts, given the sensor's noise; `keep_all` makes all sound."""
-        noise = {
+    @property
+    def noise(self) -> dict[str, float | None]:
+        """Noise of contacts that do not carry their own, by the names of options; None: unknown."""
+        return {
             name: self.options.get(name, getattr(self.sensor, name)) or None
             for name in ("position_noise", "normal_noise")
         }
+
+    def judge(self, contacts: Contacts) -> ContactVerdicts:
+        """Return the verdicts on contacts, given the sensor's noise; `keep_all` makes all sound."""
         return judge_contacts(
-            replace(contacts, judged=True) if self.keep_all else contacts, **noise
+            replace(contacts, judged=True) if self.keep_all else contacts, **self.noise
         )
 
 
@@ -202,7 +207,9 @@ class SurfaceEstimate(Record):
             margin = known.sensor.free_margin if known.margin is None else known.margin
             if len(self.credible):
                 surface = carved(surface, self.credible, margin=margin)
-            surface = without(surface, *self.given.free)
+            measured = self.credible.append(self.given.seen)
+            ends = measured_extents(self.solid, measured, **known.noise)
+            surface = without(surface, *self.given.free, *ends)
         return above_table(surface, known.support_height)
 
     @cached_property

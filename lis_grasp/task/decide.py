@@ -31,6 +31,10 @@ POLICY_MEANINGS: Mapping[str, str] = MappingProxyType(
 """The package's policies in words."""
 
 
+PLACES = ("table", "corner")
+"""Kinds of places for an object that is held."""
+
+
 @record_of_options
 class Decide:
     """The estimator, the policy, the stop rules, the plan and the attempts.
@@ -129,4 +133,11 @@ class Decide:
         GRASPING,
         metavar="N",
         check=at_least(0),
+    )
+    place: str | None = option(
+        None,
+        "where a held object is put down and let go: at a new place on the table, or in a corner of"
+        " two walls, which the task adds",
+        GRASPING,
+        choices=PLACES,
     )

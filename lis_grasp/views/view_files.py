@@ -42,7 +42,8 @@ def load_view(path: Path | str) -> DepthView:
     Raises `InvalidFileError` if the file is missing or has no valid view.
     """
     path = Path(path)
-    depth, intrinsics, X_WC, mask, noise, hand_eye = read_arrays(path, _ARRAYS)
+    arrays = read_arrays(path, _ARRAYS)
+    depth, intrinsics, X_WC, mask, noise, hand_eye = (arrays[name] for name in _ARRAYS)
     try:
         return DepthView(
             depth,

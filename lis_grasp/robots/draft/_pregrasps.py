@@ -10,10 +10,10 @@ from scipy.optimize import least_squares
 
 from lis_grasp.geometry import apply_pose, frame_along, make_pose, tangent_frame, unit
 from lis_grasp.robots.collision import HandCollisionChecker
-from lis_grasp.robots.draft._structure import link_points, rigid_groups
+from lis_grasp.robots.draft._structure import link_points
 from lis_grasp.robots.hand import Hand, thumb_of
 from lis_grasp.robots.link_bodies import fibonacci_directions
-from lis_grasp.robots.robot_model import joints_to
+from lis_grasp.robots.robot_model import joints_to, rigid_groups
 from lis_grasp.typing import FloatArray
 
 RADII = (0.085, 0.07, 0.057, 0.046, 0.036, 0.027, 0.019, 0.012, 0.007)

@@ -17,7 +17,13 @@ from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.kinematics import link_kinematics
 from lis_grasp.robots.link_bodies import fibonacci_directions, points_of_bodies
-from lis_grasp.robots.robot_model import Joint, LinkGeometry, RobotModel, joints_to
+from lis_grasp.robots.robot_model import (
+    Joint,
+    LinkGeometry,
+    RobotModel,
+    joints_to,
+    rigid_groups,
+)
 from lis_grasp.typing import FloatArray
 
 _KEPT = 60  # points of a body
@@ -126,14 +132,6 @@ def find_fingers(model: RobotModel, tips: Sequence[str] = ()) -> tuple[DraftFing
             " name the link where the hand begins by `base`, or the fingertips' links by `tips`"
         )
     return tuple(_renamed(fingers))
-
-
-def rigid_groups(model: RobotModel) -> dict[str, str]:
-    """Return by link the first link of those that are fixed to each other with it."""
-    groups = {model.links[0]: model.links[0]}
-    for joint in model.joints:  # parents come before their children
-        groups[joint.child] = groups[joint.parent] if joint.kind == "fixed" else joint.child
-    return groups
 
 
 def shared_joints(model: RobotModel, fingers: Sequence[DraftFinger]) -> list[Joint]:

@@ -71,8 +71,7 @@ def _lines(hand: Hand, urdf: str, edits: DescriptionEdits, notes: Sequence[str])
             f" radius: {posture.radius:.4g}}}"
         )
     yield "# Pairs of links that collide by design; those joined by a joint are excluded already."
-    joined = {(min(j.parent, j.child), max(j.parent, j.child)) for j in hand.joints}
-    pairs = sorted(hand.self_collision_exclusions - joined)
+    pairs = sorted(hand.self_collision_exclusions - hand.joined_links)
     if not pairs:
         yield "self_collision_exclusions: []"
         return

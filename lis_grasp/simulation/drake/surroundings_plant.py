@@ -26,7 +26,7 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import ContactResults, CoulombFriction, MultibodyPlant
-from pydrake.multibody.tree import RigidBody
+from pydrake.multibody.tree import Joint, RigidBody
 from pydrake.systems.framework import Context
 
 from lis_grasp.robots.robot_model import LinkGeometry
@@ -34,7 +34,7 @@ from lis_grasp.simulation.drake.contact_patches import patch_forces, point_force
 from lis_grasp.simulation.drake.link_plant import primitive_shape
 from lis_grasp.simulation.drake.object_plant import (
     TABLE_DISSIPATION,
-    add_support,
+    add_ground,
     in_memory,
     spatial_inertia,
 )
@@ -63,9 +63,25 @@ class SurroundingsInPlant:
     grounds: Mapping[str, GeometryId]  # of free bodies
 
     @property
-    def fixed_geometries(self) -> list[GeometryId]:
-        """Shapes of fixed bodies, which a locked object must not touch: Drake 1.51 crashes."""
-        return [g for g, name in self.name_of_geometry.items() if name not in self.grounds]
+    def unmoving_geometries(self) -> list[GeometryId]:
+        """Shapes of fixed bodies, and grounds."""
+        fixed = [g for g, name in self.name_of_geometry.items() if name not in self.grounds]
+        return [*fixed, *self.grounds.values()]
+
+    def geometries(self, names: Collection[str]) -> list[GeometryId]:
+        """Return the shapes of bodies by name."""
+        return [g for g, name in self.name_of_geometry.items() if name in names]
+
+    def touched(self, results: ContactResults) -> set[str]:
+        """Return the names of the bodies that are in contact with anything."""
+        pairs = chain(patch_forces(results), point_forces(results))
+        found = {self.name_of_geometry.get(g) for pair in pairs for g in pair[:2]}
+        return {name for name in found if name is not None}
+
+    def joint(self, name: str) -> Joint:
+        """Return the joint of a free body: Drake gives one without any six degrees of freedom."""
+        (joint,) = self.plant.GetJointIndices(self.bodies[name].model_instance())
+        return self.plant.get_joint(joint)
 
     def poses(self, context: Context) -> dict[str, FloatArray]:
         """Return the poses X_WB (4, 4) of the free bodies now."""
@@ -77,9 +93,7 @@ class SurroundingsInPlant:
     def place(self, context: Context, poses: Mapping[str, FloatArray]) -> None:
         """Place the free ones of bodies at poses X_WB (4, 4) by name; their velocities stay."""
         for name in self.grounds.keys() & poses.keys():
-            # Drake gives a body without a joint this one: six degrees of freedom.
-            (joint,) = self.plant.GetJointIndices(self.bodies[name].model_instance())
-            self.plant.get_joint(joint).SetPose(context, rigid(poses[name]))
+            self.joint(name).SetPose(context, rigid(poses[name]))
 
     def forces(
         self, results: ContactResults, pushers: Mapping[GeometryId, Pusher]
@@ -156,7 +170,7 @@ def add_surroundings(plant: MultibodyPlant, surroundings: Surroundings) -> Surro
             if fineness is None:
                 hard.add(geometry)
         if body.inertial is not None:
-            grounds[body.name] = add_support(
+            grounds[body.name] = add_ground(
                 plant,
                 float(body.mesh.bounds[0, 2]) + _SUNK,
                 body.friction,
