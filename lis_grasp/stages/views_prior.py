@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
+import numpy as np
+
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.prior import NOTHING, PriorKnowledge
 from lis_grasp.records import Record, short_repr
@@ -40,9 +42,21 @@ def _seen(views: Views, touches: Contacts) -> PriorKnowledge:
     Seen contacts are thinned to leave room for the touches, and for a wall below each, among the
     contacts that an estimator takes without thinning.
     """
-    corrected = views.given(touches)
+    without_free = replace(touches, free_points=np.empty((0, 3)), free_radii=np.empty(0))
+    corrected = _corrected(views, without_free)
     if corrected.is_dropped:
         return NOTHING
     guesses = corrected.guesses(touches)
     most = max(MOST_CONTACTS - 2 * len(touches) - len(guesses), _LEAST)
-    return PriorKnowledge(seen=corrected.contacts(most), guesses=guesses, free=(corrected.free,))
+    return PriorKnowledge(seen=_thinned(corrected, most), guesses=guesses, free=(corrected.free,))
+
+
+@lru_cache(maxsize=8)
+def _corrected(views: Views, touches: Contacts) -> Views:
+    """Return the views with corrected poses, which do not depend on free space."""
+    return views.given(touches)
+
+
+@lru_cache(maxsize=8)
+def _thinned(views: Views, most: int) -> Contacts:
+    return views.contacts(most)

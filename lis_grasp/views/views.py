@@ -151,13 +151,18 @@ class Views(Record):
         """
         if self.is_dropped:
             return Contacts.empty()
+        implied = self._implied
+        return implied.subset(~_contradicted(implied, touches))
+
+    @cached_property
+    def _implied(self) -> Contacts:
+        """What the contours imply, where no view shows free space."""
         parts = [view.guesses(self.support_height) for view in self.corrected]
         implied = sum(parts, Contacts.empty())
         if not len(implied):
             return implied
         seen_free, _ = self.free.depths(implied.points)
-        implied = implied.subset(seen_free < _CLEARLY_FREE)
-        return implied.subset(~_contradicted(implied, touches))
+        return implied.subset(seen_free < _CLEARLY_FREE)
 
     @cached_property
     def free(self) -> FreeViews:

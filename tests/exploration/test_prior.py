@@ -1,6 +1,6 @@
 """Prior knowledge beside touches: what was seen and guessed is no touch."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from analytic_surfaces import Analytic, cube_bounds, sphere
@@ -9,6 +9,7 @@ from random_directions import random_directions
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Probe, ProbeOutcome, TactilePerception, Workspace, advance, begin
+from lis_grasp.exploration.calibrating import calibrating_target
 from lis_grasp.exploration.deferred_estimate import DeferredEstimate
 from lis_grasp.exploration.prior import NOTHING, PriorKnowledge, as_prior, estimated_from
 from lis_grasp.exploration.targets import Targets
@@ -102,3 +103,26 @@ def test_the_depth_below_a_table_is_that_of_a_half_space() -> None:
     depths, slopes = BelowTable(0.1).depths(np.array([[1.0, 2.0, 0.07], [0.0, 0.0, 0.2]]))
     np.testing.assert_allclose(depths, [0.03, -0.1])
     assert_array_equal(slopes, [[0, 0, -1], [0, 0, -1]])
+
+
+def seen_from_above(noise: float) -> Contacts:
+    seen = on_ball(400, 0)
+    seen = seen.subset(seen.points[:, 2] > -0.2 * RADIUS)
+    aside = np.abs(seen.normals[:, 0])  # the camera's place is uncertain along x
+    return replace(seen, position_noise=noise * aside + 2e-4, normal_noise=np.full(len(seen), 0.1))
+
+
+def first_target(noise: float, touches: int) -> FloatArray | None:
+    space, seen = Workspace(0.02, np.zeros(3), 2.0 * RADIUS), seen_from_above(noise)
+    estimate = DeferredEstimate(lambda contacts, prior: BALL, seen, prior=PriorKnowledge(seen=seen))
+    targets = Targets.find(space, seen, estimate, ())
+    i = calibrating_target(targets, seen, touches)
+    return None if i is None else targets.points[i]
+
+
+def test_the_first_touches_are_where_the_place_of_what_was_seen_is_least_certain() -> None:
+    place = first_target(0.003, 0)
+    assert place is not None
+    assert abs(place[0]) > 0.8 * RADIUS
+    assert first_target(0.003, 2) is None  # enough
+    assert first_target(0.0005, 0) is None  # a touch is no better
