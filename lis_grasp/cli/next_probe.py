@@ -111,7 +111,7 @@ def execute(options: argparse.Namespace) -> None:
         return
     contacts = before.append(Exploration.replay(observations).contacts)
     space = place.space(contacts)
-    agent = Agent.of(task, 0.0, space=space)
+    agent = Agent.of(task, 0.0).placed(space)
     hand = agent.hand
     with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
         touch = next_touch(agent, before, observations)
