@@ -115,6 +115,34 @@ class InvalidContactsError(InvalidInputError):
         self.field, self.row = field, row
 
 
+class InvalidViewError(InvalidInputError):
+    """A depth image, or what belongs to it, that is malformed or does not show an object.
+
+    Attributes
+    ----------
+    field
+        Name of the field of `DepthView` that is wrong; empty if it is none in particular.
+    """
+
+    def __init__(self, message: str, *, field: str = "") -> None:
+        super().__init__(message)
+        self.field = field
+
+
+class NothingSeenError(InvalidViewError):
+    """A depth image in which no object was found above the table.
+
+    Attributes
+    ----------
+    height
+        Height above the table that an object needs to be found [m]; what is lower is too flat.
+    """
+
+    def __init__(self, message: str, *, height: float = 0.0) -> None:
+        super().__init__(message, field="depth")
+        self.height = height
+
+
 class InvalidMeshError(InvalidInputError):
     """A mesh that cannot be used as an object and could not be repaired."""
 
@@ -219,6 +247,11 @@ class InvalidFileError(InvalidInputError):
     def __init__(self, message: str, *, path: Path | None = None, field: str = "") -> None:
         super().__init__(message)
         self.path, self.field = path, field
+
+    @classmethod
+    def of(cls, path: Path, reason: str) -> InvalidFileError:
+        """Return the error of a file with a sentence that begins with its path."""
+        return cls(f"{path} {reason}", path=path)
 
 
 class EstimationError(LisGraspError):

@@ -28,11 +28,12 @@ STUDIES = Path(lis_grasp_studies.__file__).resolve().parent
 
 # The flow: a module imports from its own folder and from those above it in this list, never below.
 LAYERS = [
-    ["_moved", "version", "exceptions", "typing", "records", "geometry", "underflow"],
+    ["_moved", "version", "exceptions", "typing", "records", "geometry", "underflow", "fragments"],
     ["io"],
     ["contacts", "motion", "plugins", "worker_pool"],
     ["shapes"],
     ["surfaces"],
+    ["views"],
     ["meshing"],
     ["exploration"],
     ["robots"],

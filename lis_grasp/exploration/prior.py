@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol, runtime_checkable
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.records import Record, short_repr
@@ -58,6 +58,11 @@ def as_prior(prior: Prior | Contacts | None) -> Prior:
     if prior is None:
         return NOTHING
     return PriorKnowledge(touched=prior) if isinstance(prior, Contacts) else prior
+
+
+def with_touched(prior: Any, touched: Contacts) -> Any:
+    """Return prior knowledge with these touched contacts in place of its own."""
+    return replace(prior, touched=touched)
 
 
 def estimated_from(

@@ -21,6 +21,9 @@ from lis_grasp.task.task import KNOWN, Task, plain_value
 LOG = "touches.jsonl"
 """The touch log of an exploration."""
 
+VIEW = "view.npz"
+"""The first view of an exploration; others are view_2.npz, and so on."""
+
 SCENE = "scene.yaml"
 """The task of a run."""
 
@@ -85,6 +88,11 @@ def results_folder(task: Task, named: Path | str | None) -> Path:
     for name in _RECOGNISED:
         require_own(folder / name)
     return folder
+
+
+def view_paths(folder: Path, count: int) -> list[Path]:
+    """Return the paths of a number of views in a folder."""
+    return [folder / (VIEW if k == 1 else f"view_{k}.npz") for k in range(1, count + 1)]
 
 
 def default_output(task: Task) -> Path:

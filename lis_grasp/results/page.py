@@ -17,17 +17,20 @@ from lis_grasp.geometry import inverse_pose, require_pose
 from lis_grasp.io.atomic_writing import write_bytes
 from lis_grasp.io.limits import reading
 from lis_grasp.io.surface_files import load_growth
-from lis_grasp.results.folder import LOG, PAGE, PICTURE, read_touches
+from lis_grasp.results.folder import LOG, PAGE, PICTURE, read_touches, view_paths
 from lis_grasp.results.run_results import SOURCES, Run
 from lis_grasp.results.summary import headline, run_lines
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.stages.place import corner_walls
 from lis_grasp.stages.surroundings import find_surroundings
+from lis_grasp.stages.views_prior import ViewsPrior
 from lis_grasp.task.recorded_facts import read_facts
 from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
+from lis_grasp.views import Views, load_view
 from lis_grasp.visualization.scene import Scene
+from lis_grasp.visualization.view_layers import SeenSurface
 from lis_grasp.world import Surroundings
 
 
@@ -78,6 +81,9 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
         if (directory / LOG).exists() and made.get("hand") == facts.get("hand"):
             content["touches"] = _touches(probes, contacts, made, hand)
             content |= _search(probes, made)
+    if contacts is not None and facts.get("seen"):
+        with suppress(LisGraspError):  # the page is complete without it
+            content["seen"] = _seen(directory, facts, contacts)
     rows = [*(facts.get("turned") or ()), *(facts.get("left_out") or ())]
     content["bad_contacts"] = [] if contacts is None else [i for i in rows if i < len(contacts)]
     if "summary" not in content:
@@ -93,6 +99,14 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
     if run.grasps is not None:
         content["grasps"] = run.grasps.grasps
     return Scene(**content)
+
+
+def _seen(directory: Path, facts: Mapping[str, Any], contacts: Contacts) -> SeenSurface:
+    """Return what the cameras of a run saw of its object, given its contacts."""
+    views = tuple(map(load_view, view_paths(directory, facts["seen"])))
+    height = float(facts.get("support_height") or 0.0)
+    known = ViewsPrior(Views(views, height)).given(contacts)
+    return SeenSurface(views[0], known.seen, known.guesses)
 
 
 def _beside(facts: Mapping[str, Any], probes: tuple[LoggedProbe, ...] | None) -> Surroundings:

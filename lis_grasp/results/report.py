@@ -56,6 +56,7 @@ def build_report(
         "lift": lift_facts(last.outcome, mass=scenario.truth.mass),
         **place_facts(last),
         **world_facts(attempts),
+        **view_facts(scenario, exploration),
     }
 
 
@@ -149,6 +150,28 @@ def _attempt_facts(attempt: Attempt) -> dict[str, Any]:
         **({} if attempt.lesson is None else {"lesson": asdict(attempt.lesson)}),
         **({} if outcome is None else _use_facts(outcome)),
     }
+
+
+def view_facts(scenario: Scenario, exploration: Exploration) -> dict[str, Any]:
+    """Return what cameras saw of the object, given its touches; nothing without a camera.
+
+    `deviation` [m] is that of the place of the seen surface by the camera's pose, `given` by touch
+    and table, `before` by the prior alone; `dropped` says why the views were not used.
+    """
+    agent, task = scenario.agent, scenario.task
+    if not task.sees:
+        return {}
+    if agent.views is None:
+        return {"views": {"dropped": "the object was lost"}}
+    known = agent.views.given(exploration.contacts)
+    facts = {
+        "number": len(known.views),
+        "pixels": [int(view.object_mask.sum()) for view in known.views],
+        "touches_of_seen_surface": [one.touches for one in known.calibrations],
+        "deviation": {"before": agent.views.displacement, "given": known.displacement},
+        "dropped": known.reason or None,
+    }
+    return {"views": facts}
 
 
 def world_facts(attempts: Sequence[Attempt]) -> dict[str, Any]:

@@ -50,8 +50,8 @@ def write_surface(
     """
     made = SurfaceEstimate(contacts, known)
     verdicts, warnings = made.verdicts, list(recorded.get("warnings") or ())
-    warnings += filter(None, [few_contacts(contacts)])  # `note_doubts` notes these
-    note_doubts(made.credible, known.support_height)
+    warnings += filter(None, [few_contacts(made.measured)])  # `note_doubts` notes these
+    note_doubts(made.given.seen.append(made.credible), known.support_height)
     if verdicts.bad.any():
         warnings.append(verdicts.sentence())
         progress.say(f"warning: {warnings[-1]} (`keep_all` believes all)")

@@ -71,6 +71,7 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
         f"estimated rmsd {1e3 * surface['rmsd']:.2f} mm{edges}",
     ]
     lines += [f"doubted   {warning}" for warning in report.get("warnings", ())]
+    lines += _view_lines(report.get("views", {}))
     iou = surface["iou"]
     if iou is not None and iou < _LOW_IOU:
         lines.append(
@@ -107,6 +108,21 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
     if "arm" in report:
         lines.append(_arm_line(report))
     return tuple(lines)
+
+
+def _view_lines(facts: Mapping[str, Any]) -> list[str]:
+    """Return what cameras saw, and how certain its place is, if there was a camera."""
+    if facts.get("dropped"):
+        return [f"seen      not used: {facts['dropped']}"]
+    if not facts:
+        return []
+    before, given = (1e3 * facts["deviation"][name] for name in ("before", "given"))
+    pixels, touches = sum(facts["pixels"]), sum(facts["touches_of_seen_surface"])
+    of_it = f"{touches} touch{'es' * (touches != 1)} of it"
+    certain = f"known to {given:.1f} mm by the table and {of_it}"
+    return [
+        f"seen      by {counted(pixels, 'pixel')}; its place is {certain}, to {before:.1f} before"
+    ]
 
 
 def _world_lines(report: Mapping[str, Any]) -> list[str]:

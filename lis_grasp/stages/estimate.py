@@ -18,12 +18,18 @@ import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import TooManyBadContactsError, nearest_or_all, note
+from lis_grasp.exceptions import (
+    InvalidOptionError,
+    TooManyBadContactsError,
+    nearest_or_all,
+    note,
+)
 from lis_grasp.exploration import TactileSensor
 from lis_grasp.exploration.prior import NOTHING, Prior, PriorKnowledge
 from lis_grasp.io.units import LARGEST
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.records import Record
+from lis_grasp.stages.views_prior import ViewsPrior
 from lis_grasp.surfaces import ContactVerdicts, Estimator, ImplicitSurface, judge_contacts
 from lis_grasp.surfaces.carved_implicit_surface import (
     above_table,
@@ -50,6 +56,7 @@ from lis_grasp.surfaces.measured_extents import measured_extents
 from lis_grasp.task.decide import Decide
 from lis_grasp.task.robot import Robot
 from lis_grasp.typing import FloatArray
+from lis_grasp.views import Views
 from lis_grasp.world import KnownBodies
 
 # The unseen side of a seen object is within this fraction of the size of what is known.
@@ -167,6 +174,11 @@ class SurfaceEstimate(Record):
         """What is known beside the contacts."""
         return self.perception.prior.given(self.contacts)
 
+    @property
+    def measured(self) -> Contacts:
+        """What was seen, then the contacts."""
+        return self.given.seen.append(self.contacts)
+
     @cached_property
     def guesses(self) -> Contacts:
         """Contacts that the table and the views imply; never measured ones."""
@@ -215,8 +227,7 @@ class SurfaceEstimate(Record):
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
         """The closed mesh of the surface, with the uncertainty of each vertex [m]."""
-        measured = self.given.seen.append(self.contacts)
-        return extract_mesh(self.surface, touched=measured.points, bounds=self.bounds)
+        return extract_mesh(self.surface, touched=self.measured.points, bounds=self.bounds)
 
     @property
     def bounds(self) -> FloatArray:
@@ -259,9 +270,11 @@ def estimate(
     keep_all
         Whether to believe all contacts, including contradicted ones.
     options
-        ``margin``, by which balls of free space shrink [m]; ``normals``, the side to which they
-        point, as in `load_contacts`: without it they must be outward; and the keywords of the
-        estimator's `from_contacts`, such as ``position_noise`` [m] and ``normal_noise`` [rad].
+        ``views``, depth views of the object on the table, each a `DepthView` with a mask: then
+        there may be no contact; ``margin``, by which balls of free space shrink [m]; ``normals``,
+        the side to which they point, as in `load_contacts`: without it they must be outward; and
+        the keywords of the estimator's `from_contacts`, such as ``position_noise`` [m] and
+        ``normal_noise`` [rad].
 
     Raises
     ------
@@ -283,11 +296,15 @@ def estimate(
             f"write Contacts(points, normals) or load_contacts(path), not {type(contacts).__name__}"
         )
     height, margin = options.pop("table", support_height), options.pop("margin", 0.0)
-    normals = options.pop("normals", None)
+    normals, views = options.pop("normals", None), tuple(options.pop("views", ()))
+    if views and height is None:
+        message = "views are of an object on a table: give its height by `support_height`"
+        raise InvalidOptionError(message, option="support_height")
     make = find_estimator(estimator) if isinstance(estimator, str) else estimator
     _require_accepted(make, str(estimator), options)
     require_noise_below_size(contacts, options.get("position_noise"))
-    note_doubts(contacts, height)
+    if not views:
+        note_doubts(contacts, height)
     if normals is None and (doubt := doubt_of_side(contacts)):
         note(doubt)
     known = Perception(
@@ -298,6 +315,7 @@ def estimate(
         margin=margin,
         options=options,
         normals=normals,
+        prior=ViewsPrior(Views(views, height)) if views and height is not None else NOTHING,
     )
     made = SurfaceEstimate(contacts, known)
     if not isinstance(estimator, str) and make not in ESTIMATORS.values():

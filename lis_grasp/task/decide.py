@@ -35,6 +35,10 @@ PLACES = ("table", "corner")
 """Kinds of places for an object that is held."""
 
 
+TOUCHES_AFTER_A_VIEW = 5
+"""Touches that are made by default of an object that a camera saw before."""
+
+
 @record_of_options
 class Decide:
     """The estimator, the policy, the stop rules, the plan and the attempts.
@@ -80,7 +84,14 @@ class Decide:
         TOUCHING,
         choices=("one", "all"),
     )
-    touches: int = option(40, "touches to make", TOUCHING, metavar="N", check=at_least(1))
+    touches: int = option(
+        40,
+        "touches to make",
+        TOUCHING,
+        metavar="N",
+        words=f"40; {TOUCHES_AFTER_A_VIEW} after a view",
+        check=at_least(1),
+    )
     slide: float = option(
         0.0,
         "slide so far along a fixed object after a touch, for a second contact",

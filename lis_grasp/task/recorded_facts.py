@@ -47,6 +47,7 @@ RecordedFacts = create_model(  # type: ignore[call-overload]
     warnings=(list[str] | None, None),
     **dict.fromkeys(("turned", "left_out"), (list[Count] | None, None)),
     doubt_log_odds=(list[Number] | None, None),
+    seen=(Count | None, None),  # number of views beside the file that belong to its contacts
     **dict.fromkeys(("X_WO", "X_WE", "X_EO", "X_EA", "X_FB"), (Pose | None, None)),
     **{
         name: (_in_file(name, hint), None)

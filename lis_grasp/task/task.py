@@ -22,7 +22,7 @@ from lis_grasp.io.option import (
     within,
 )
 from lis_grasp.shapes import STABLE
-from lis_grasp.task.decide import Decide
+from lis_grasp.task.decide import TOUCHES_AFTER_A_VIEW, Decide
 from lis_grasp.task.known import Known
 from lis_grasp.task.robot import REAL_SENSOR, Robot
 from lis_grasp.task.world import World
@@ -110,12 +110,14 @@ class Task:
         """Return the task of options by their names, as in ``lis-grasp run``.
 
         `known` is ``--known``: place, size, mass and friction of the object are known, it is fixed,
-        and the sensor is ideal. None means True with a cloud, which shows the place. Given options
-        replace these and the defaults.
+        and the sensor is ideal. None means True with a cloud, which shows the place. After a view
+        fewer touches are made by default. Given options replace these and the defaults.
 
         Raises `InvalidOptionError` if a value is not permitted, `TypeError` for another name.
         """
         given = options if object is None else {"object": object, **options}
+        if given.get("camera") or given.get("views"):
+            given = {"touches": TOUCHES_AFTER_A_VIEW} | given
         is_known = given.get("cloud") is not None if known is None else known
         return _made(cls, (_known_with(given) if is_known else {}) | given)
 
@@ -164,6 +166,11 @@ class Task:
     def on_table(self) -> bool:
         """Whether the object is on a table: placed on one, free, or near an arm."""
         return self.world.pose is not None or self.world.is_free or self.robot.arm is not None
+
+    @property
+    def sees(self) -> bool:
+        """Whether cameras see the object before the first touch."""
+        return self.robot.camera or bool(self.known.views)
 
     @property
     def may_slide(self) -> bool:

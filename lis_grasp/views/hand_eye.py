@@ -1,0 +1,166 @@
+"""Hand-eye calibration by what is seen and touched: one rigid error of a camera's pose.
+
+The error is estimated as the maximum of its posterior: its prior, the table that the camera sees,
+whose height is known, and touches of seen surface, each by its distance from the seen plane next
+to it. Outliers have little weight (Student's t). Directions that nothing determines keep their
+prior: the covariance says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.geometry import (
+    apply_inverse,
+    apply_pose,
+    cross,
+    cross_matrix,
+    rotate_back,
+    unit,
+)
+from lis_grasp.records import Record
+from lis_grasp.typing import FloatArray
+from lis_grasp.views.camera import HandEye, small_motion
+from lis_grasp.views.depth_view import DepthView
+from lis_grasp.views.object_mask import heights_above_table
+
+# Pixels of the table: at most, how near to the object [m], how far from the plane [deviations, m].
+_MOST_PIXELS, _REACH, _ON_TABLE, _LEAST = 400, 0.25, 3.0, 0.001
+# Noise of a touch where it is unknown, and the error of a seen plane next to it [m].
+_TOUCH_NOISE, _PLANE_ERROR = 0.0005, 0.0005
+# A touch is of the seen surface near it: this far in errors of the pose and [m], and this parallel.
+_FAR, _NEAR, _PARALLEL = 3.0, 0.006, 0.7
+# Positions [m] and normals that are equally far apart; contacts that are a seen plane.
+_CELL, _NORMAL_CELL, _NEIGHBOURS = 0.008, 0.4, 10
+# Degrees of freedom of Student's t, and rounds.
+_DEGREES, _ROUNDS = 4.0, 10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration(Record):
+    """The pose of a camera as estimated, and how uncertain it is."""
+
+    X_WC: FloatArray  #: (4, 4) pose of the camera, corrected
+    covariance: FloatArray  #: (6, 6) of a rotation vector [rad] and a translation [m] in C
+    touches: int  #: number of touches of seen surface that were used
+
+    def displacement_covariance(self, points: FloatArray) -> FloatArray:
+        """Return the covariance of the places of points (P, 3) [m] in W, (P, 3, 3) [m^2]."""
+        turned = -cross_matrix(apply_inverse(self.X_WC, points))  # (P, 3, 3)
+        motion = np.concatenate([turned, np.broadcast_to(np.eye(3), turned.shape)], axis=2)
+        rotation = self.X_WC[:3, :3]
+        moved = motion @ self.covariance @ motion.transpose(0, 2, 1)
+        return np.asarray(rotation @ moved @ rotation.T)
+
+    def displacement(self, points: FloatArray) -> float:
+        """Return the standard deviation of the distance of points (P, 3) from their places [m]."""
+        covariances = self.displacement_covariance(points)
+        return float(np.sqrt(np.trace(covariances, axis1=1, axis2=2).mean()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight(Record):
+    """What a view contributes to its calibration; it does not depend on the touches."""
+
+    table: FloatArray  # (T, 3) [m] in C: pixels of the table near the object
+    table_noise: FloatArray  # (T,) [m] of their heights, each as if it were independent
+    points: FloatArray  # (N, 3) [m] in C: seen surface
+    normals: FloatArray  # (N, 3) in C
+    noise: FloatArray  # (N,) [m]
+    tree: cKDTree | None  # of positions and normals
+
+    @classmethod
+    def of(cls, view: DepthView, support_height: float | None) -> Sight:
+        """Return what a view shows of the table and of the object."""
+        contacts = view.contacts_in_camera
+        points, normals = contacts.points, contacts.normals
+        noise = np.zeros(0) if contacts.position_noise is None else contacts.position_noise
+        tree = cKDTree(_places(points, normals)) if len(points) else None
+        table, table_noise = np.empty((0, 3)), np.empty(0)
+        if support_height is not None and len(points):
+            table, table_noise = _table_of(view, support_height)
+        return cls(table, table_noise, points, normals, noise, tree)
+
+
+def calibrate(
+    view: DepthView, sight: Sight, touches: Contacts, support_height: float | None
+) -> Calibration:
+    """Return the pose of a view's camera, given the table and touches (N contacts, in W)."""
+    if view.hand_eye.is_exact:
+        return Calibration(view.X_WC, np.zeros((6, 6)), 0)
+    prior = np.diag(1.0 / np.maximum(view.hand_eye.deviations, 1e-9) ** 2)
+    height = 0.0 if support_height is None else support_height
+    parameters, used = np.zeros(6), 0
+    for _ in range(_ROUNDS):
+        X_WC = view.X_WC @ small_motion(parameters)
+        rows, residuals, deviations, used = _equations(view.hand_eye, sight, X_WC, touches, height)
+        scaled = residuals / deviations
+        weights = (_DEGREES + 1.0) / (_DEGREES + scaled**2) / deviations**2
+        normal = prior + (rows * weights[:, None]).T @ rows
+        step = np.linalg.solve(normal, (rows * weights[:, None]).T @ residuals - prior @ parameters)
+        parameters = parameters + step
+    X_WC = view.X_WC @ small_motion(parameters)
+    return Calibration(X_WC, np.asarray(np.linalg.inv(normal)), used)
+
+
+def _equations(
+    prior: HandEye, sight: Sight, X_WC: FloatArray, touches: Contacts, height: float
+) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+    """Return rows (M, 6), residuals (M,) and deviations (M,) of the linear equations of a step.
+
+    Returns the number of touches of seen surface, too.
+    """
+    up = rotate_back(X_WC, np.array([0.0, 0.0, 1.0]))
+    heights = apply_pose(X_WC, sight.table)[:, 2] - height
+    ups = np.broadcast_to(up, sight.table.shape)
+    rows = [np.hstack([cross(sight.table, ups), ups])]
+    residuals, deviations = [-heights], [sight.table_noise]
+    used = 0
+    if sight.tree is not None and len(touches):
+        points = apply_inverse(X_WC, touches.points)
+        normals = rotate_back(X_WC, touches.normals)
+        count = min(_NEIGHBOURS, len(sight.points))
+        _, near = sight.tree.query(_places(points, normals), k=count)
+        near = np.asarray(near).reshape(len(points), count)
+        middle, across = sight.points[near].mean(axis=1), unit(sight.normals[near].mean(axis=1))
+        noise = np.full(len(points), _TOUCH_NOISE)
+        if touches.position_noise is not None:
+            noise = np.where(np.isnan(touches.position_noise), noise, touches.position_noise)
+        reach = _FAR * np.hypot(prior.position, prior.rotation * np.abs(points[:, 2])) + _NEAR
+        ok = np.linalg.norm(points - middle, axis=1) < reach
+        ok &= np.einsum("nk,nk->n", across, normals) > _PARALLEL
+        used = int(np.count_nonzero(ok))
+        rows.append(np.hstack([cross(middle, across), across])[ok])
+        residuals.append(np.einsum("nk,nk->n", across, points - middle)[ok])
+        seen = sight.noise[near].mean(axis=1)
+        deviations.append(np.sqrt(noise**2 + seen**2 + _PLANE_ERROR**2)[ok])
+    return np.concatenate(rows), np.concatenate(residuals), np.concatenate(deviations), used
+
+
+def _places(points: FloatArray, normals: FloatArray) -> FloatArray:
+    return np.hstack([points / _CELL, normals / _NORMAL_CELL])
+
+
+def _table_of(view: DepthView, support_height: float) -> tuple[FloatArray, FloatArray]:
+    """Return pixels of the table near an object, (T, 3) [m] in C, and noise of their heights."""
+    height, deviation = heights_above_table(view, support_height)
+    points = view.depth[..., None] * view.intrinsics.rays(view.depth.shape)
+    middle = apply_inverse(view.X_WC, view.contacts.points.mean(axis=0))
+    with np.errstate(invalid="ignore"):
+        on_table = np.abs(height) < np.maximum(_ON_TABLE * deviation, _LEAST)
+        on_table &= np.linalg.norm(points - middle, axis=-1) < _REACH
+    on_table &= ~view.object_mask
+    rows, columns = np.nonzero(on_table)
+    if not len(rows):
+        return np.empty((0, 3)), np.empty(0)
+    chosen = np.linspace(0, len(rows) - 1, min(len(rows), _MOST_PIXELS)).astype(np.intp)
+    v, u = rows[chosen], columns[chosen]
+    # Errors of neighbouring pixels are alike: fewer are independent.
+    alike = 4.0 * np.pi * view.noise.smooth_length**2
+    independent = max(len(rows) / alike, 1.0)
+    noise = np.maximum(deviation[v, u], 1e-4) * np.sqrt(len(chosen) / independent)
+    return points[v, u], noise
