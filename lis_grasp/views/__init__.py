@@ -7,6 +7,7 @@ from lis_grasp.views.hand_eye import Calibration
 from lis_grasp.views.object_mask import segment_object
 from lis_grasp.views.rendering import render_depth
 from lis_grasp.views.simulated_view import DepthCamera, simulate_view
+from lis_grasp.views.view_files import load_view, save_view
 from lis_grasp.views.views import FreeViews, Views
 
 __all__ = [
@@ -19,8 +20,10 @@ __all__ = [
     "Intrinsics",
     "Views",
     "draw_camera_pose",
+    "load_view",
     "look_at",
     "render_depth",
+    "save_view",
     "segment_object",
     "simulate_view",
 ]
