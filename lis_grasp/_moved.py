@@ -35,6 +35,9 @@ MOVED = {
     "lis_grasp.pipeline.summary": "lis_grasp.results.summary",
     "lis_grasp.pipeline.touch_service": "lis_grasp.service.touch_service",
     "lis_grasp.robots.joint_frames": "lis_grasp.logs.joint_frames",
+    "lis_grasp.surfaces.CarvedImplicitSurface": (
+        "lis_grasp.surfaces.carved_implicit_surface.Remainder"
+    ),
 }
 
 # Names of 1.x, without the name of the package, and where they are now.

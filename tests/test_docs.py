@@ -27,7 +27,9 @@ GUIDES = (
     "real-robot",
     "moveit",
     "unknown-place",
+    "see",
     "world",
+    "place",
 )
 UNRUN = {"cluster", "second-simulator"}  # need a cluster, MuJoCo
 

@@ -20,6 +20,7 @@ from lis_grasp.exploration.probe import ProbeStatus
 from lis_grasp.pipeline import RunConfig
 from lis_grasp.probing import approach_planner, guarded_motion, probe_planner
 from lis_grasp.results import summary
+from lis_grasp.results.placed import PLACE_REASONS
 from lis_grasp.robots.shipped_models import READY_HANDS, VENDOR_HANDS
 from lis_grasp.shapes import NAMES
 from lis_grasp.simulation.drake import dynamic_prober
@@ -82,13 +83,12 @@ def test_no_page_names_a_later_version() -> None:
 
 def test_every_reason_is_explained() -> None:
     page = _text(DOCS / "reference" / "reasons.md")
-    sentences = {**summary.REJECTIONS, **summary.LIFT_REASONS}
-    missing = [
-        row for pair in sentences.items() if (row := "| `{}` | {} |".format(*pair)) not in page
-    ]
+    tables = (summary.REJECTIONS, summary.LIFT_REASONS, PLACE_REASONS)
+    sentences = [pair for table in tables for pair in table.items()]
+    missing = [row for pair in sentences if (row := "| `{}` | {} |".format(*pair)) not in page]
     assert not missing, "\n".join(missing)
     named = set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))
-    assert named == {*sentences, *get_args(ProbeStatus)}
+    assert named == {*dict(sentences), *get_args(ProbeStatus)}
     of_probes = [approach_planner.NO_FREE_START, approach_planner.NO_FREE_APPROACH]
     of_probes += [approach_planner.OUT_OF_ARM_REACH, probe_planner.NO_ARM_TRANSIT]
     of_probes += [

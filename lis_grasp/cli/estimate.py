@@ -10,7 +10,7 @@ import numpy as np
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, next_step, say
 from lis_grasp.evaluation.touch_coverage import touch_coverage, touch_radius
-from lis_grasp.results.estimated_file import estimate_file, millimetres
+from lis_grasp.results.estimated_file import OPTIONS, estimate_file, millimetres
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,15 +31,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " object that is held in the air (default: as recorded, else the estimate is not closed)",
     )
     opt.add_reading(parser)
-    names = ("estimator", "free_space", "keep_all", "position_noise", "normal_noise")
-    opt.add_options(parser, *names, recorded=True)
+    opt.add_options(parser, *OPTIONS, "position_noise", "normal_noise", recorded=True)
     opt.add_output(parser, "the folder of CONTACTS")
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> None:
     """Estimate the surface, and print what was written."""
-    used = opt.given(options, "estimator", "free_space", "keep_all")
+    used = opt.given(options, *OPTIONS)
     sources = opt.sources(options, options.contacts)
     made = estimate_file(sources, options.output, support=options.support, progress=PRINTED, **used)
     usual, high = 1e3 * np.quantile(made.mesh.vertex_attributes["uncertainty"], (0.5, 0.95))

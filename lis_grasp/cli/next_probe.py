@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
@@ -27,16 +28,19 @@ from lis_grasp.stages.contact_sources import (
     prior_contacts,
     read_source,
 )
+from lis_grasp.stages.looking import load_views
 from lis_grasp.stages.next_touch import NextTouch, ObjectPlace, next_touch
 from lis_grasp.surfaces import judge_contacts
 from lis_grasp.surfaces.contact_checks import doubt_of_side
 from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
+from lis_grasp.views import Views
 
 _READING = ("units", "normals", "fingertip_radius", "viewpoint")  # what a file does not say
 _NOISE = ("position_noise", "normal_noise")
 _Before: TypeAlias = tuple[Contacts, tuple[Observation, ...], dict[str, Any]]
 _OPTIONS = ("hand", "estimator", "policy", "slide", *_NOISE, "world", "at", "seed", "keep_all")
+_SEEING = ("views", "hand_eye")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " x = y = 0; replaces --center, --size and --support (default: as recorded, without these)",
     )
     opt.add_reading(parser)
-    opt.add_options(parser, *_OPTIONS, recorded=True)
+    opt.add_options(parser, *_OPTIONS, *_SEEING, recorded=True)
     parser.add_argument(
         "--output",
         type=Path,
@@ -110,13 +114,14 @@ def execute(options: argparse.Namespace) -> None:
         _serve(options, place, task)
         return
     contacts = before.append(Exploration.replay(observations).contacts)
-    space = place.space(contacts)
-    agent = Agent.of(task, 0.0, space=space)
+    agent = _agent(task, place, contacts)
+    known = agent.measured(contacts)
+    agent = agent.placed(place.space(known))
     hand = agent.hand
     with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
         touch = next_touch(agent, before, observations)
         stage.result = f"policy {task.decide.policy}"
-    for doubt in filter(None, (place.doubt(contacts), doubt_of_side(contacts))):
+    for doubt in filter(None, (place.doubt(known), doubt_of_side(contacts))):
         say(f"warning: {doubt}")
     for line in _lines(touch):
         say(line)
@@ -125,6 +130,21 @@ def execute(options: argparse.Namespace) -> None:
         path /= "next.json"
     write_json(path, touch.facts(hand))
     say(f"wrote {path}")
+
+
+def _agent(task: Task, place: ObjectPlace, contacts: Contacts) -> Agent:
+    """Return the robot, which may have views of the object; it does not know its place."""
+    agent, paths = Agent.of(task, 0.0), task.known.views
+    if not paths:
+        return agent
+    height = place.table(contacts)
+    if height is None:
+        raise InvalidOptionError("views are of an object on a table", option="support")
+    region = place.region if place.region is None else tuple(place.region)
+    task = replace(
+        task, known=replace(task.known, region=region), world=replace(task.world, pose=STABLE)
+    )
+    return replace(agent, views=Views(tuple(load_views(paths, task, height)), height))
 
 
 def _credible(contacts: Contacts, options: argparse.Namespace, *, keep_all: bool) -> Contacts:
@@ -186,7 +206,8 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, task: Task) -> None:
 
     if options.output is not None and options.output.suffix.lower() == ".json":
         raise InvalidOptionError.out_of_range("--output", str(options.output), "a folder")
-    source, agent = options.contacts, Agent.of(task, 0.0)
+    source = options.contacts
+    agent = _agent(task, place, Contacts.empty())
     folder = options.output or (source or Path()).parent
     resumed = _is_log(source)
     path = source if resumed else folder / LOG
@@ -197,7 +218,8 @@ def _serve(options: argparse.Namespace, place: ObjectPlace, task: Task) -> None:
         message = f"{source} would be replaced: name another folder with --output"
         raise InvalidOptionError(message, option="--output", value=str(folder))
     options_of_task = task.facts()
-    names = (n for n in _OPTIONS if n != "keep_all" or task.decide.keep_all)
+    names = [n for n in _OPTIONS if n != "keep_all" or task.decide.keep_all]
+    names += _SEEING if task.known.views else ()
     facts = {n: options_of_task[n] for n in names}
     if place.region is not None:
         facts |= {"region": list(place.region), "pose": STABLE}

@@ -16,11 +16,13 @@ from lis_grasp.surfaces.contact_checks import NormalSide
 from lis_grasp.task.option_groups import GROUPS
 from lis_grasp.task.scene_file import SCHEMA_NAME, is_scene_file, load_scene, write_scene
 from lis_grasp.task.task import (
+    IDEAL_CAMERA,
     IDEAL_SENSOR,
     LIFTING,
     OLD_NAMES,
     Task,
     option_default,
+    option_items,
     option_kind,
     task_options,
 )
@@ -64,6 +66,9 @@ def _add(
     text = _text(_OPTIONS[name]) + (f" (default: {default})" if default else "")
     flag = f"--{name.replace('_', '-')}"
     kind = _kind(_OPTIONS[name], option_kind(name), option_default(name))
+    if option_kind(name) is tuple and option_items(name) is str:  # given one by one
+        flag, text = flag.removesuffix("s"), f"{text}; repeatable"
+        kind = {"action": "append", "dest": name, "metavar": _OPTIONS[name].metavar}
     old = [f"--{before}" for before, now in OLD_NAMES.items() if now == name]
     group.add_argument(flag, *old, default=None, help=text, **kind)
 
@@ -186,7 +191,7 @@ def configure_touch(options: argparse.Namespace) -> Task:
     if options.clamped:
         given["free"] = False
     if options.ideal:
-        given = {**IDEAL_SENSOR, **given}
+        given = {**IDEAL_SENSOR, **IDEAL_CAMERA, **given}
     known = None if options.unknown is None else not options.unknown
     if is_scene_file(options.object):
         del given["object"]

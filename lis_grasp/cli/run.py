@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Run every stage, and print the summary, for each object.
 
-    Returns 0, or 1 if no grasp was found for one of them.
+    Returns 0, or 1 if no grasp was found for one of them, or it was not placed as asked.
     """
     if opt.written_scene(options):
         return 0
@@ -73,4 +73,5 @@ def _run(task: Task, folder: Path, *, fresh: bool) -> int:
         say(line)
     say(f"wrote {run.folder}/{', '.join(RUN_FILES)}")
     say(next_step("open {}, or: lis-grasp view {}", run.folder / PAGE, run.folder))
-    return 0 if found else 1
+    placed = (run.report or {}).get("place", {}).get("placed", True)
+    return 0 if found and placed else 1

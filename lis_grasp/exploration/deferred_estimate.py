@@ -8,7 +8,9 @@ from functools import cached_property, partial
 from typing import Any, TypeVar, cast
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exploration.prior import NOTHING, PriorKnowledge, estimated_from
 from lis_grasp.surfaces import ImplicitSurface, carved
+from lis_grasp.surfaces.carved_implicit_surface import without
 from lis_grasp.surfaces.implicit_surface import DeferredSurface
 
 T = TypeVar("T")
@@ -22,18 +24,24 @@ class DeferredEstimate(DeferredSurface):
     Parameters
     ----------
     make
-        Estimates a surface from contacts.
+        Estimates a surface from contacts; see `estimated_from`.
     contacts
-        At least one, in O, with the free space known then.
+        At least one, in O, with the free space known then; the prior's are the first.
     margin
         Reduction of the radii of free space [m].
+    prior
+        What was known beside the touches then.
     """
 
     def __init__(
-        self, make: Callable[[Contacts], ImplicitSurface], contacts: Contacts, margin: float = 0.0
+        self,
+        make: Callable[..., ImplicitSurface],
+        contacts: Contacts,
+        margin: float = 0.0,
+        prior: PriorKnowledge = NOTHING,
     ) -> None:
-        super().__init__(partial(make, contacts))
-        self.contacts, self.margin = contacts, margin
+        super().__init__(partial(estimated_from, make, contacts, prior))
+        self.contacts, self.margin, self.prior = contacts, margin, prior
         self._derived: dict[str, tuple[Hashable, Any]] = {}
 
     @classmethod
@@ -51,7 +59,8 @@ class DeferredEstimate(DeferredSurface):
 
     @cached_property
     def _carved(self) -> ImplicitSurface:
-        return carved(self.surface, self.contacts, margin=self.margin)
+        surface = carved(self.surface, self.contacts, margin=self.margin)
+        return without(surface, *self.prior.free)
 
     def without_free_space(self, contacts: Contacts) -> ImplicitSurface:
         """Return the estimate without the free space of the contacts so far; see `carved`."""

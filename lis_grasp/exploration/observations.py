@@ -10,6 +10,7 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.neighbours import BodyTouch
 from lis_grasp.exploration.planar_motion import PoseBelief
+from lis_grasp.exploration.prior import NOTHING, Prior
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, ProbeStatus, are_touches
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.records import Record, short_repr
@@ -105,7 +106,7 @@ class MapEntry(Record):
 class ObjectMap(Record):
     """What is known of an object in one frame: beforehand, and by observations."""
 
-    prior: Contacts = field(default_factory=Contacts.empty)  #: known beforehand, not by touches
+    prior: Prior = NOTHING  #: known beforehand, not by touches
     known: tuple[Landmark, ...] = ()  #: touched before the first probe
     entries: tuple[MapEntry, ...] = ()
 

@@ -14,6 +14,7 @@ from lis_grasp.exploration.neighbours import Neighbours, attributed
 from lis_grasp.exploration.observations import Landmark, Maps, ObjectMap, Observation
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.pose_tracking import PoseTracker
+from lis_grasp.exploration.prior import Prior, as_prior
 from lis_grasp.exploration.probe import ProbeOutcome
 from lis_grasp.exploration.registration import are_on, find_displacement
 from lis_grasp.exploration.states import ExplorationState
@@ -39,11 +40,11 @@ class TactilePerception:
     estimate
         Estimates the surface from at least one contact, when the estimate is first used: after
         every contact up to 31 touches, then after a growth by a sixteenth. Its errors are raised
-        at that use.
+        at that use. With something seen, it takes ``prior``, too (`PriorKnowledge`).
     prior
-        Contacts known before the first touch, such as a camera's; None for none. The surface is
-        estimated from them and the touches, and touches go where both are missing. They are not
-        part of the result, and wait while the tracker has lost the object.
+        What is known beside the touches, or contacts, such as a point cloud; None for nothing. The
+        surface is estimated from it and the touches, and touches go where both are missing. It is
+        not part of the result, and waits while the tracker has lost the object.
     sensor
         Model of the tactile sensor; None for an ideal one.
     find_strays
@@ -57,8 +58,8 @@ class TactilePerception:
         object's. None without any.
     """
 
-    estimate: Callable[[Contacts], ImplicitSurface]
-    prior: Contacts | None = None
+    estimate: Callable[..., ImplicitSurface]
+    prior: Prior | Contacts | None = None
     sensor: TactileSensor | None = None
     find_strays: Callable[[Contacts], IndexArray] | None = None
     tracker: PoseTracker | None = None
@@ -101,8 +102,7 @@ def _begun(
     belief: PoseBelief,
     recorded: Sequence[Observation],
 ) -> ExplorationState:
-    prior = Contacts.empty() if perception.prior is None else perception.prior
-    known = ObjectMap(prior, tuple(landmarks))
+    known = ObjectMap(as_prior(perception.prior), tuple(landmarks))
     state = ExplorationState(
         contacts=known.first_contacts(),
         maps=Maps(known),
@@ -202,13 +202,17 @@ def _added(
     perception: TactilePerception, state: ExplorationState, observation: Observation
 ) -> ExplorationState:
     """Return the state after an observation, which a tracker has placed in the object's frame."""
-    before, maps = len(state.known), state.maps.after(observation, state.observations)
+    before, maps = len(state.contacts), state.maps.after(observation, state.observations)
     if len(observation.dropped):
         state = replace(state, estimated=None)
     contacts = maps.contacts_after(state.maps, state.contacts, state.wanted)
     if observation.is_lost or observation.is_joined:
-        waits = maps.waiting.prior.append(maps.waiting.contacts(state.wanted))
-        waiting = DeferredEstimate(perception.estimate, waits) if len(waits) else None
+        touches = maps.waiting.contacts(state.wanted)
+        given = maps.waiting.prior.given(touches)
+        waits = given.contacts.append(touches)
+        waiting = None
+        if len(waits):
+            waiting = DeferredEstimate(perception.estimate, waits, prior=given)
         state, before = replace(state, estimated=None, waiting=waiting), 0
     state = replace(
         state,
@@ -221,7 +225,7 @@ def _added(
         frames=(),
         duration=state.duration + observation.outcome.duration,
     )
-    is_new = len(state.known) > before or len(observation.dropped) > 0
+    is_new = len(state.contacts) > before or len(observation.dropped) > 0
     return _estimated(perception, state, is_new=is_new)
 
 
@@ -231,16 +235,16 @@ def _estimated(
     """Return the state with the surface of its contacts, estimated at the first use."""
     known, estimated, surface, rules = state.known, state.estimated, None, state.rules
     if is_new and estimated is not None:
-        made = len(estimated.contacts) - len(state.prior)
+        made = len(estimated.contacts) - len(estimated.prior.contacts)
         is_new = len(state.contacts) >= made + max(1, int(_GROWTH * made))
     if is_new:
         margin = 0.0 if perception.sensor is None else perception.sensor.free_margin
-        estimated = DeferredEstimate(perception.estimate, known, margin)
+        estimated = DeferredEstimate(perception.estimate, known, margin, state.given)
     if estimated is not None:
         surface = DeferredSurface(partial(estimated.without_free_space, known))
     if is_new and surface is not None:
         rules = tuple(
-            rule.noted(known, surface) if isinstance(rule, StopRuleWithMemory) else rule
+            rule.noted(state.touched, surface) if isinstance(rule, StopRuleWithMemory) else rule
             for rule in rules
         )
     return replace(state, estimated=estimated, surface=surface, is_new=is_new, rules=rules)

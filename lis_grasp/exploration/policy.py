@@ -11,6 +11,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration.calibrating import calibrating_target
 from lis_grasp.exploration.deferred_estimate import DeferredEstimate
 from lis_grasp.exploration.extent import extent_probe, since_first_contact
 from lis_grasp.exploration.neighbours import Neighbours
@@ -120,9 +121,10 @@ class TargetPolicy:
     are contacts before the first touch. Later ones approach the selected target against the
     estimated outward normal; after a miss obliquely, from beyond the edge that the missed probe
     must have crossed. A concavity that a tip passed through, but that the estimate bridges, is
-    touched from within. Earlier targets and free space are not targets. Without a target, a random
-    line through the workspace is probed. This is the same for every selector, so that selectors
-    can be compared.
+    touched from within. After a view, surface that shows where the camera was comes first
+    (`calibrating_target`). Earlier targets and free space are not targets. Without a target, a
+    random line through the workspace is probed. This is the same for every selector, so that
+    selectors can be compared.
 
     Parameters
     ----------
@@ -132,17 +134,17 @@ class TargetPolicy:
         Selects the next target.
     guess
         Estimates a surface, from at least one contact, on which targets are searched first; None
-        for the exploration's own estimate. A Gaussian process closes untouched regions more
-        cautiously than an estimate that extrapolates. Once all of this surface is within a step of
-        a contact, the exploration's own estimate is searched too. On a flat object on a table it
-        always is, because level motions show how far it extends.
+        for the exploration's own estimate, as after a view. A Gaussian process closes untouched
+        regions more cautiously than an estimate that extrapolates. Once all of this surface is
+        within a step of a contact, the exploration's own estimate is searched too. On a flat object
+        on a table it always is, because level motions show how far it extends.
     neighbours
         Known bodies beside the object: surface near them is no target. None without any.
     """
 
     space: Workspace
     select: TargetSelector = frontier
-    guess: Callable[[Contacts], ImplicitSurface] | None = None
+    guess: Callable[..., ImplicitSurface] | None = None
     neighbours: Neighbours | None = None
 
     def avoiding(self, neighbours: Neighbours) -> TargetPolicy:
@@ -168,7 +170,10 @@ class TargetPolicy:
         if surface is None or not len(contacts):
             return random_pass(space, rng)
         own = searched = DeferredEstimate.of(surface, contacts)
-        guess = self.guess
+        place = self._calibrating(space, own, contacts, outcomes)
+        if place is not None:
+            return surface_probe(*place, space, contacts, own, outcomes)
+        guess = None if len(own.prior.seen) else self.guess
         if guess is not None:
             searched = own.derived("guess", None, lambda: DeferredEstimate(guess, known))
         sideways = concavity_probe(space, contacts, searched, outcomes, rng)
@@ -184,6 +189,21 @@ class TargetPolicy:
             return random_pass(space, rng)
         point, normal, _ = best
         return surface_probe(point, normal, space, contacts, searched, outcomes)
+
+    def _calibrating(
+        self,
+        space: Workspace,
+        own: DeferredEstimate,
+        contacts: Contacts,
+        outcomes: Sequence[ProbeOutcome],
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Return a place of seen surface to touch first, and its normal; None if none is needed."""
+        made = sum(len(outcome.contacts) for outcome in outcomes)
+        if not len(own.prior.seen):
+            return None
+        targets = Targets.find(space, contacts, own, outcomes, self.neighbours)
+        i = calibrating_target(targets, own.prior.seen, made)
+        return None if i is None else (targets.points[i], targets.normals[i])
 
     def _target(
         self,

@@ -136,10 +136,10 @@ class PoseTracker:
         later probes are in the last one. `state` is the one before the probe; if it asked for a
         landmark, the probe touched it.
         """
-        known, recent, repeated = state.known, state.maps.present, state.again is not None
+        known, recent, repeated = state.touched, state.maps.present, state.again is not None
         belief = replace(state.belief or PoseBelief.start(), joined=None)
         contacts = outcome.contacts
-        certain = state.estimated if len(known) >= _FEW else None
+        certain = state.estimated if len(state.known) >= _FEW else None
         contradicted = certain is not None and _free_where_touched(outcome, known, belief)
         target = outcome.probe.target
         same = [o for o in recent.landmarks if np.array_equal(o.probe.target, target)]
@@ -148,7 +148,7 @@ class PoseTracker:
         if place is not None:  # missed, or met on another side
             alike = contacts.normals @ place.normals[0] > _SAME_SIDE
             contradicted |= outcome.status == "missed" or (len(alike) > 0 and not alike.any())
-        push = push_of(contacts, known) if len(contacts) else None
+        push = push_of(contacts, state.known) if len(contacts) else None
         usable, suspicious = True, False
         if push is not None:
             belief = belief.pushed(push, detected=False)
@@ -235,7 +235,7 @@ def _judged(belief: PoseBelief, known: Contacts, *, contradicted: bool) -> PoseB
             return replace(belief, trust="lost", count=0)
         count += belief.trust == "doubted"
     elif belief.trust == "doubted":
-        worst = float(belief.variances(known.points, known.normals).max())
+        worst = float(belief.variances(known.points, known.normals).max(initial=0.0))
         if worst < _FOUND**2:
             return replace(belief, trust="on_probation", count=_FEW)
     else:

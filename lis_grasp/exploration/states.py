@@ -13,6 +13,7 @@ from lis_grasp.exploration.deferred_estimate import DeferredEstimate
 from lis_grasp.exploration.neighbours import Neighbours
 from lis_grasp.exploration.observations import Maps, Observation
 from lis_grasp.exploration.planar_motion import PoseBelief
+from lis_grasp.exploration.prior import PriorKnowledge
 from lis_grasp.exploration.probe import Probe, ProbeOutcome, ProbeStatus, are_touches
 from lis_grasp.exploration.stopping import StopRule
 from lis_grasp.exploration.workspace import ObstacleModel
@@ -43,17 +44,25 @@ class ExplorationState(Record):
     wanted: int | None = None  #: touches, beyond which contacts are left out; None for any number
     duration: float = 0.0  #: of the probes [s]
     ended: str = ""  #: why the exploration ended; empty before
+    given: PriorKnowledge = field(init=False)  #: known beside the touches, on the present map
     known: Contacts = field(init=False)  #: prior contacts, then those of the touches
 
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "known", self.prior.append(self.contacts))
+        given = self.maps.present.prior.given(self.contacts)
+        object.__setattr__(self, "given", given)
+        object.__setattr__(self, "known", given.contacts.append(self.contacts))
 
     @property
     def prior(self) -> Contacts:
         """Contacts of the present map that are known beforehand."""
-        return self.maps.present.prior
+        return self.given.contacts
+
+    @property
+    def touched(self) -> Contacts:
+        """The known contacts without those that were only seen."""
+        return self.known[len(self.given.seen) :] if len(self.given.seen) else self.known
 
     @property
     def neighbours(self) -> Neighbours | None:

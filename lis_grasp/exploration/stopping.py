@@ -24,7 +24,6 @@ StopRule = Callable[[Contacts, ImplicitSurface, Sequence[ProbeOutcome]], "str | 
 
 # Number of further contacts after which another grasp is planned.
 _EVERY = 2
-_NONE_PLANNED = FEW_CONTACTS - _EVERY
 # Quantile of the surface that has to be certain: the rest is extrapolated out of the workspace.
 _CERTAIN_QUANTILE = 0.95
 
@@ -39,7 +38,10 @@ class StopRuleWithMemory(Protocol):
         """Return the reason to stop, or None to continue."""
 
     def noted(self, contacts: Contacts, surface: ImplicitSurface, /) -> StopRule:
-        """Return the rule after another estimate; called once for each, before the check."""
+        """Return the rule after another estimate; called once for each, before the check.
+
+        The contacts are those that were touched, not seen.
+        """
 
 
 def stop_when_covered(fraction: float, space: Workspace | Region) -> StopRule:
@@ -88,18 +90,20 @@ def stop_when_certain(deviation: float, space: Workspace | Region) -> StopRule:
     return rule
 
 
-def stop_when_graspable(probability: float, predict: Callable[[Contacts], float]) -> StopRule:
+def stop_when_graspable(
+    probability: float, predict: Callable[[Contacts], float], *, least: int = FEW_CONTACTS
+) -> StopRule:
     """Stop when a grasp on the estimate is predicted to hold with a probability, from 0 to 1.
 
     `predict` plans a grasp on the estimate of contacts and returns its `closure_probability`. It is
-    called from 10 contacts on, for every second contact. Two predictions in succession must reach
+    called from `least` touches on, for every second one. Two predictions in succession must reach
     the probability.
 
     Raises `InvalidOptionError` if the probability is out of range.
     """
     if not 0.0 < probability < 1.0:
         raise InvalidOptionError.out_of_range("success", probability, "above 0 and below 1")
-    return _StopWhenGraspable(probability, predict)
+    return _StopWhenGraspable(probability, predict, least - _EVERY, least - _EVERY)
 
 
 def _nothing() -> float:
@@ -110,7 +114,8 @@ def _nothing() -> float:
 class _StopWhenGraspable:
     probability: float
     predict: Callable[[Contacts], float]
-    planned: int = _NONE_PLANNED  # contacts at the last prediction
+    none_planned: int  # contacts before the first prediction may be made
+    planned: int  # contacts at the last prediction
     is_new: bool = False  # whether there is a prediction for the last estimate
     # The last two predictions, made when they are used.
     before: Callable[[], float] = _nothing
@@ -126,7 +131,8 @@ class _StopWhenGraspable:
     def noted(self, contacts: Contacts, surface: ImplicitSurface) -> _StopWhenGraspable:
         rule = self
         if len(contacts) < self.planned:  # the object was lost, and touching began again
-            rule = _StopWhenGraspable(self.probability, self.predict)
+            none = self.none_planned
+            rule = _StopWhenGraspable(self.probability, self.predict, none, none)
         if len(contacts) < rule.planned + _EVERY:
             return replace(rule, is_new=False)
         last = cache(partial(self.predict, contacts))

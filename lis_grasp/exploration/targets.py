@@ -73,6 +73,8 @@ class Candidates:
             points, normals = space.sample(estimate, near=known, rng=rng)
             away = retreats(points, normals, space, known, estimate)
             depths = depths_in_free_space(points, estimate, known)
+            for free in estimate.prior.free:
+                depths = np.maximum(depths, free.depths(points)[0])
             return cls(points, normals, away, level_targets(points, away, space), depths)
 
         key = (*space.center, space.size, space.step)

@@ -14,13 +14,7 @@ from lis_grasp.exceptions import InvalidFileError, note
 from lis_grasp.geometry import UNIT_TOLERANCE
 from lis_grasp.io._point_columns import NORMAL, POINT
 from lis_grasp.io.csv_tables import DECIMAL_COMMA, cell_number, text_of, uncommented
-from lis_grasp.io.limits import (
-    MEBIBYTE,
-    MOST_UNPACKED,
-    ReadError,
-    array_names,
-    read_arrays,
-)
+from lis_grasp.io.limits import ReadError, read_arrays, require_small
 
 Columns = dict[str, npt.NDArray[Any]]
 
@@ -43,8 +37,7 @@ def read_rows(path: Path) -> Columns:
     if lines and lines[0].strip().isdecimal():
         count = int(lines.pop(0))
         if count != len(lines):
-            message = f"{path} announces {count} points, and has {len(lines)} rows"
-            raise InvalidFileError(message, path=path)
+            raise InvalidFileError.of(path, f"announces {count} points, and has {len(lines)} rows")
     first = lines[0] if lines else ""
     mark = next((mark for mark in ";," if mark in first), None)
     if mark == "," and all(map(DECIMAL_COMMA.fullmatch, first.split()[:3])):
@@ -93,15 +86,14 @@ def read_npy(path: Path) -> Columns:
 
 def read_npz(path: Path) -> Columns:
     """Return the columns of an archive of arrays: `points`, and perhaps `normals` and others."""
-    names = array_names(path)
+    arrays = read_arrays(path)
     columns: Columns = {}
-    for name, array in zip(names, read_arrays(path, names), strict=True):
-        meaning = _NAMES.get(name.lower(), name.lower())
-        columns |= _named(path, meaning, array)
+    for name, array in arrays.items():
+        columns |= _named(path, _NAMES.get(name.lower(), name.lower()), array)
     if "x" not in columns:
         raise InvalidFileError(
             f"{path} must have an array points of shape (N, 3); it has"
-            f" {', '.join(names) or 'none'}",
+            f" {', '.join(arrays) or 'none'}",
             path=path,
         )
     return columns
@@ -184,8 +176,7 @@ def _require_points(announced: int, held: int) -> None:
 
 def _unpack_lzf(packed: bytes, size: int) -> bytes:
     """Unpack LZF (Marc Lehmann's liblzf): literal runs and references backwards."""
-    if size > MOST_UNPACKED:
-        raise ReadError(f"it unpacks to more than {MOST_UNPACKED // MEBIBYTE} MiB")
+    require_small(size)
     out, at = bytearray(), 0
     while at < len(packed) and len(out) <= size:
         control = packed[at]

@@ -6,7 +6,7 @@ import re
 import stat
 import zipfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -131,54 +131,54 @@ def announced_rows(path: Path) -> dict[str, int]:
     return rows
 
 
-def require_small_archive(members: Iterable[zipfile.ZipInfo]) -> None:
-    """Raise ValueError for members of an archive that unpack to more than 256 MiB."""
-    if sum(member.file_size for member in members) > MOST_UNPACKED:
+def require_small(size: int) -> None:
+    """Raise ValueError for content of more than 256 MiB when it is unpacked."""
+    if size > MOST_UNPACKED:
         raise ReadError(f"it unpacks to more than {MOST_UNPACKED // MEBIBYTE} MiB")
 
 
-def read_arrays(path: Path, names: Sequence[str]) -> list[npt.NDArray[Any]]:
-    """Return the arrays of these names in an .npz file, without pickled objects.
+def read_arrays(path: Path, names: Sequence[str] = ()) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of an .npz file by name, all or only some, without pickled objects.
 
     Raises `InvalidFileError` if the file is missing or damaged, lacks a name, or unpacks to more
     than 256 MiB.
     """
     # An archive keeps its file open while a member is open: close the file here in any case.
     with reading(path, "NPZ"), path.open("rb") as file, zipfile.ZipFile(file) as archive:
-        present = [member.removesuffix(".npy") for member in archive.namelist()]
+        present = [n.removesuffix(".npy") for n in archive.namelist() if n.endswith(".npy")]
         if missing := [name for name in names if name not in present]:
             raise InvalidFileError(
                 f"{path} must have the arrays {', '.join(names)}; it lacks {', '.join(missing)} and"
                 f" has {', '.join(map(shown, present[:8])) or 'none'}",
                 path=path,
             )
-        members = [archive.getinfo(f"{name}.npy") for name in names]
-        require_small_archive(members)
-        return [np.load(archive.open(member), allow_pickle=False) for member in members]
-
-
-def array_names(path: Path) -> list[str]:
-    """Return the names of the arrays in an .npz file; for errors see `read_arrays`."""
-    with reading(path, "NPZ"), path.open("rb") as file, zipfile.ZipFile(file) as archive:
-        return [n.removesuffix(".npy") for n in archive.namelist() if n.endswith(".npy")]
+        members = {name: archive.getinfo(f"{name}.npy") for name in names or present}
+        require_small(sum(member.file_size for member in members.values()))
+        return {n: np.load(archive.open(m), allow_pickle=False) for n, m in members.items()}
 
 
 class _LimitedLoader(yaml.SafeLoader):
     """Loader of plain values that ends early in a file of too many or too long ones."""
 
-    composed = 0
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._composed = 0  # nodes until now, those of aliases at each use
+        self._sizes: dict[yaml.Node, int] = {}
 
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node:
         """Return the next node; see `yaml.composer.Composer`."""
-        self.composed += 1
-        _require_few(self.composed)
-        return super().compose_node(parent, index)
-
-    def compose_scalar_node(self, anchor: Any) -> yaml.ScalarNode:
-        """Return the next scalar; see `yaml.composer.Composer`."""
-        node: yaml.ScalarNode = super().compose_scalar_node(anchor)
-        if len(node.value) > MOST_CHARACTERS:
+        is_alias, before = self.check_event(yaml.AliasEvent), self._composed
+        node: yaml.Node = super().compose_node(parent, index)
+        if is_alias and node not in self._sizes:
+            raise ReadError("an alias is inside of its own anchor")
+        self._composed += self._sizes[node] if is_alias else 1
+        if self._composed > MOST_NODES:
+            raise ReadError(f"it has more than {MOST_NODES} values, those of aliases included")
+        if isinstance(node, yaml.ScalarNode) and len(node.value) > MOST_CHARACTERS:
             raise ReadError(f"a value has more than {MOST_CHARACTERS} characters")
+        if isinstance(node, yaml.MappingNode):
+            _require_unique_keys(node)
+        self._sizes.setdefault(node, self._composed - before)
         return node
 
 
@@ -191,35 +191,9 @@ def parse_yaml(text: str) -> Any:
     """
     loader = _LimitedLoader(text)
     try:
-        node = loader.get_single_node()
-        if node is None:
-            return None
-        _count_nodes(node, {}, set())
-        # Not before: merged mappings are copied at each use.
-        return loader.construct_document(node)
+        return loader.get_single_data()
     finally:
         loader.dispose()
-
-
-def _count_nodes(node: yaml.Node, counts: dict[yaml.Node, int], around: set[yaml.Node]) -> int:
-    """Return the number of nodes in a node, aliases expanded; ValueError beyond the limit."""
-    if node in around:
-        raise ReadError("an alias is inside of its own anchor")
-    if node not in counts:
-        around.add(node)
-        parts = node.value if isinstance(node, yaml.CollectionNode) else []
-        if isinstance(node, yaml.MappingNode):
-            _require_unique_keys(node)
-            parts = [part for pair in parts for part in pair]
-        counts[node] = 1 + sum(_count_nodes(part, counts, around) for part in parts)
-        around.remove(node)
-        _require_few(counts[node])
-    return counts[node]
-
-
-def _require_few(count: int) -> None:
-    if count > MOST_NODES:
-        raise ReadError(f"it has more than {MOST_NODES} values, those of aliases included")
 
 
 def _require_unique_keys(node: yaml.MappingNode) -> None:

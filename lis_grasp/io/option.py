@@ -87,7 +87,12 @@ def record_of_options(cls: type[_T]) -> type[_T]:
                 raise TypeError(f"{cls.__name__}: {error['msg']}: {name}") from None
             if choices := declared[name].choices:
                 raise InvalidOptionError.not_one_of(name, error["input"], choices) from None
-            raise _wrong(str(name), error["input"], kind_of(made, str(name))) from None
+            kind = kind_of(made, str(name))
+            if kind is tuple and items_of(made, str(name)) is str:
+                raise InvalidOptionError.out_of_range(
+                    str(name), error["input"], "a list of texts"
+                ) from None
+            raise _wrong(str(name), error["input"], kind) from None
         for name, option in declared.items():
             if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, _permitted(name, value, option))
@@ -130,6 +135,14 @@ def kind_of(record: Any, name: str) -> type:
         return type(get_args(hint)[0])
     kinds = get_args(hint) if type(None) in get_args(hint) or str in get_args(hint) else (hint,)
     return get_origin(kinds[0]) or kinds[0]
+
+
+@cache
+def items_of(record: Any, name: str) -> type:
+    """Return the type of the items of an option that is a tuple: float or str."""
+    hint = get_type_hints(record)[name]
+    of_tuple = next(kind for kind in (hint, *get_args(hint)) if get_origin(kind) is tuple)
+    return get_args(of_tuple)[0]  # type: ignore[no-any-return]
 
 
 def checked_value(name: str, value: Any, kind: type, check: Check) -> Any:

@@ -12,6 +12,7 @@ import numpy as np
 from lis_grasp.arms.use import ArmReason, ArmUse
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_at_least, require_positive
+from lis_grasp.lifting.place_plan import PlaceOutcome
 from lis_grasp.motion import OBJECT, Motion
 from lis_grasp.records import Record
 from lis_grasp.typing import FloatArray
@@ -136,6 +137,7 @@ class LiftOutcome(Record):
     forces: Mapping[str, float] = field(default_factory=dict)
     #: (4, 4), final poses of the free bodies beside the object, in W like all of this
     X_EB: Mapping[str, FloatArray] = field(default_factory=dict)
+    place: PlaceOutcome | None = None  #: of an object that was held and then placed
 
     @classmethod
     def not_begun(cls, reason: Reason, X_WO: FloatArray) -> LiftOutcome:

@@ -16,6 +16,7 @@ from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.geometry import inverse_pose
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.lifting.outcome import LiftOptions, Reason
+from lis_grasp.lifting.place_plan import PlacePlan
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import by_joint_kind
 from lis_grasp.shapes.object_mass import GRAVITY, USUAL_FRICTION, USUAL_MASS, require_load
@@ -74,6 +75,7 @@ class LiftSetup:
     #: effort, and shakes as far as its limits allow: forces on the object make up for the rest
     arm: ArmLift | None = None
     surroundings: Surroundings = ALONE  #: the true bodies beside the object, in W
+    place: PlacePlan | None = None  #: where a held object is put; None to end in the air
 
     def __post_init__(self) -> None:
         if not self.mesh.is_watertight:

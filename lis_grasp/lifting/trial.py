@@ -12,6 +12,8 @@ from lis_grasp.exceptions import SimulationError
 from lis_grasp.lifting.closing import SETTLE_TIME, SETTLED, AcceptGrasp, Closing
 from lis_grasp.lifting.object_in_hand import SlipWatch
 from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome, Reason
+from lis_grasp.lifting.place_plan import PlaceOutcome
+from lis_grasp.lifting.placing import Placing
 from lis_grasp.lifting.scene import CONTROL_RATE, BodyHitError, LiftingScene
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import WristPath, line, rest_at, shake_about
@@ -59,11 +61,14 @@ class LiftTrial:
         self._weighed: float | None = None  # [kg]
         self._margin: float | None = None  # of the grip
         self._survived = 0.0
+        self._place: PlaceOutcome | None = None
 
     def run(self) -> LiftOutcome:
         """Run the phases until one fails or all are done."""
         try:
             reason = self._run_phases()
+            if reason == "held":
+                self._put_down()
         except ArmStoppedError as stopped:
             reason = stopped.reason
         except SimulationError:
@@ -88,6 +93,7 @@ class LiftTrial:
             arm=self._scene.carrier.use,
             forces=dict(self._steps.forces_beside),
             X_EB={} if diverged else dict(self._scene.poses_beside()),
+            place=self._place,
         )
 
     def _run_phases(self) -> Reason:
@@ -190,6 +196,24 @@ class LiftTrial:
         raised = rest_at(self._closing.here + self._rise)
         self._steps.advance(self._options.hold_time, raised, hold_until_rest)
         return self._loss("dropped")
+
+    def _put_down(self) -> None:
+        """Place the held object as planned, if it is: slip and turn are those of the lift."""
+        if self._setup.place is None:
+            return
+        self._lost_after = self._object.slip_and_turn()
+        placing = Placing(
+            self._scene,
+            self._setup,
+            self._setup.place,
+            steps=self._steps,
+            control=self._control,
+            held=self._object,
+        )
+        try:
+            self._place = placing.run(self._closing.here, self._rise, self._retreat)
+        except SimulationError:
+            self._place = PlaceOutcome("diverged", self._setup.place)
 
     def _loss(self, lost: Reason) -> Reason | None:
         return self._object.loss(self._risen(), lost)

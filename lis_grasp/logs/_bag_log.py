@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import closing
-from copy import copy
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidFileError, InvalidInputError, needed_package, note
 from lis_grasp.logs._streams import (
     Content,
     FrameTree,
     JointSeries,
+    RobotLog,
     TimedForces,
     TimedPoses,
     Topic,
 )
-from lis_grasp.logs.reading import Clock, LogReading
+from lis_grasp.logs.reading import CLOCKS, LogReading
 from lis_grasp.typing import FloatArray
 
 # Message types by what they contain, without package folders: geometry_msgs/msg/Wrench.
@@ -44,11 +43,14 @@ CONTENT: Mapping[str, Content] = {
 }
 
 
-class BagLog:
+# What a message has as its time, in the order of `CLOCKS`.
+_CLOCKS = ("stamp in the header", "time of recording")
+_Times = tuple[float, float]  # of a message by each clock [s]
+
+
+class BagLog(RobotLog):
     """Forces and poses of a bag. Times are from the headers, or else from the recording."""
 
-    unused = ()
-    reach = math.inf
     unit_advice = "messages of ROS are in metres: scale their positions where they are written"
 
     def __init__(self, path: Path, reading: LogReading = LogReading()) -> None:
@@ -58,7 +60,6 @@ class BagLog:
         if the file is missing, damaged, or not of its format.
         """
         self._path, self._reading = path, reading
-        self._frames: FrameTree | None = None
         self._series: dict[str, list[JointSeries]] | None = None
         with self._reader() as reader:
             counts: dict[tuple[str, str], int] = defaultdict(int)
@@ -71,48 +72,42 @@ class BagLog:
 
     def forces(self, topic: str) -> TimedForces:
         """Return the forces of a topic (Wrench, Vector3 or Float), in time order."""
-        times, rows, frame = [], [], ""
-        for time, message in self._messages(topic, "force"):
+        stamps, rows, frame = [], [], ""
+        for stamp, message in self._messages(topic, "force"):
             value = getattr(message, "wrench", message)
             value = getattr(value, "force", getattr(value, "vector", value))
             rows.append([value.data] if hasattr(value, "data") else _xyz(value))
-            times.append(time)
+            stamps.append(stamp)
             frame = _frame(message) or frame
         if len({len(row) for row in rows}) > 1:
             message = f"{self._path}: the topic {topic} has forces with and without directions"
             raise InvalidFileError(message, path=self._path)
-        self._require_distinct(topic, times, rows)
-        order = np.argsort(times, kind="stable")
         forces = np.array(rows, np.float64).reshape(len(rows), len(rows[0]) if rows else 1)
-        return TimedForces(np.array(times)[order], forces[order], frame)
+        times = self._distinct_times(topic, stamps, forces)
+        order = np.argsort(times, kind="stable")
+        return TimedForces(times[order], forces[order], frame)
 
     def poses(self, topic: str) -> TimedPoses:
         """Return the poses of a topic (Pose, Transform or Odometry)."""
-        times, rows, parent, child = [], [], "", ""
-        for time, message in self._messages(topic, "pose"):
-            times.append(time)
+        stamps, rows, parent, child = [], [], self.base, ""
+        for stamp, message in self._messages(topic, "pose"):
+            stamps.append(stamp)
             rows.append(_pose(message))
             parent, child = _frame(message) or parent, getattr(message, "child_frame_id", child)
-        self._require_distinct(topic, times, rows)
-        return TimedPoses.collect(
-            np.array(times), np.array(rows).reshape(-1, 7), parent=parent, child=child, name=topic
-        )
-
-    def frames(self) -> FrameTree:
-        """Return the transforms of all topics of transforms (/tf, /tf_static), read once."""
-        if self._frames is None:
-            self._frames = self._read_frames()
-        return self._frames
+        poses = np.reshape(rows, (-1, 7))
+        times = self._distinct_times(topic, stamps, poses)
+        return TimedPoses.collect(times, poses, parent=parent, child=child, name=topic)
 
     def _read_frames(self) -> FrameTree:
+        """Return the transforms of all topics of transforms (/tf, /tf_static)."""
         samples: dict[tuple[str, str], list[list[float]]] = defaultdict(list)
         fixed = set()
         for topic in self.topics:
             if topic.content == "transforms":
-                for time, message in self._messages(topic.name, "transforms"):
+                for (_, recorded), message in self._messages(topic.name, "transforms"):
                     for transform in message.transforms:
-                        pair = _ends(transform)
-                        sample = [self._time(transform, time), *_pose(transform)]
+                        pair = _frame(transform), transform.child_frame_id.lstrip("/")
+                        sample = [*_times(transform, recorded), *_pose(transform)]
                         if topic.name.endswith("tf_static"):  # the last one is valid at all times
                             samples[pair] = [sample]
                             fixed.add(pair)
@@ -122,127 +117,83 @@ class BagLog:
         once = [" to ".join(p) for p, rows in tables.items() if len(rows) == 1 and p not in fixed]
         if once:
             note(f"{self._path}: transforms seen once are taken as fixed: {', '.join(once)}")
-        unknown = {}
+        known, unknown = {}, {}
         for pair, table in tables.items():
-            if reason := self._repeated(" to ".join(pair), table[:, 0], table[:, 1:]):
-                unknown[pair] = reason
-        return FrameTree(
-            {
-                pair: TimedPoses.collect(table[:, 0], table[:, 1:], *pair, " to ".join(pair))
-                for pair, table in tables.items()
-                if pair not in unknown
-            },
-            unknown,
-            tuple(topic.name for topic in self.topics if topic.content == "transforms"),
-        )
+            name, poses = " to ".join(pair), table[:, 2:]
+            try:
+                times = self._distinct_times(name, table[:, :2], poses)
+                known[pair] = TimedPoses.collect(times, poses, *pair, name)
+            except InvalidInputError as error:
+                unknown[pair] = str(error)
+        return FrameTree(known, unknown, self._named("transforms"))
 
     def joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
         """Return the positions of the logged joints.
 
         A source is a topic with the names that its messages share, which one publisher sends.
         """
-        chosen = self._chosen_joints()
-        series = {
-            name: [s for s in self._all_joints().get(name, []) if s.source in chosen]
-            for name in names
-        }
-        return {name: found for name, found in series.items() if found}
-
-    def other_joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
-        """Return the positions on topics of joint states that are not chosen."""
-        chosen = self._chosen_joints()
-        return {
-            name: [s for s in self._all_joints().get(name, []) if s.source not in chosen]
-            for name in names
-        }
+        series = self._all_joints()
+        return {name: series[name] for name in names if name in series}
 
     def joint_names(self) -> tuple[str, ...]:
         """Return the names of all joints, sorted."""
-        chosen = self._chosen_joints()
         joints = self._all_joints().items()
-        return tuple(sorted(n for n, series in joints if any(s.source in chosen for s in series)))
+        return tuple(sorted(n for n, found in joints if not all(s.is_left_out for s in found)))
 
-    def other_readings(self) -> dict[str, BagLog]:
-        """Return nothing: messages state their meaning."""
-        return {}
-
-    def _chosen_joints(self) -> set[str]:
-        """Return the topics of joint states that are used."""
-        topics = {topic.name for topic in self.topics if topic.content == "joints"}
-        chosen = self._reading.joint_states
-        if unknown := set(chosen or ()) - topics:
-            raise InvalidInputError(
-                f"joint_states must be a topic of joint states,"
-                f" {', '.join(sorted(topics)) or 'none'}; it is {', '.join(sorted(unknown))}"
-            )
-        return topics if chosen is None else set(chosen)
+    def _named(self, content: Content) -> tuple[str, ...]:
+        return tuple(topic.name for topic in self.topics if topic.content == content)
 
     def _all_joints(self) -> dict[str, list[JointSeries]]:
         if self._series is not None:
             return self._series
-        topics = [topic.name for topic in self.topics if topic.content == "joints"]
+        topics = self._named("joints")
+        chosen = topics if self._reading.joint_states is None else self._reading.joint_states
+        if unknown := {*chosen} - {*topics}:
+            raise InvalidInputError(
+                f"joint_states must be a topic of joint states, {', '.join(topics) or 'none'}; it"
+                f" is {', '.join(sorted(unknown))}"
+            )
         samples: dict[tuple[str, str, frozenset[str]], list[tuple[float, float]]]
         samples = defaultdict(list)
         for topic in topics:
-            for time, message in self._messages(topic, "joints"):
+            for stamp, message in self._messages(topic, "joints"):
                 publisher = frozenset(message.name)
                 for name, position in zip(message.name, message.position, strict=False):
-                    samples[name, topic, publisher].append((time, float(position)))
+                    row = stamp[self._clock], float(position)
+                    samples[name, topic, publisher].append(row)
         self._series = defaultdict(list)
         for (name, topic, _), rows in samples.items():
             table = np.array(rows)
-            self._series[name].append(JointSeries(topic, table[:, 0], table[:, 1]))
+            one = JointSeries(topic, table[:, 0], table[:, 1], topic not in chosen)
+            self._series[name].append(one)
         return self._series
 
-    def _time(self, message: Any, recorded: float) -> float:
-        """Return the time of a message [s], by the chosen clock."""
-        return (self._reading.clock == "header" and _stamp(message)) or recorded
+    @property
+    def _clock(self) -> int:
+        return CLOCKS.index(self._reading.clock)
 
-    def _require_distinct(self, topic: str, times: list[float], rows: list[Any]) -> None:
-        reason = self._repeated(topic, np.array(times), np.array(rows, np.float64))
-        if reason:
-            raise InvalidInputError(reason)
+    def _distinct_times(self, name: str, stamps: npt.ArrayLike, values: FloatArray) -> FloatArray:
+        """Return the times (N,) of values (N, K) by the chosen clock, of `stamps` (N, 2).
 
-    def _repeated(self, name: str, times: FloatArray, values: FloatArray) -> str:
-        """Return what is wrong if most times belong to several values; empty if nothing."""
-        if len(times) < 2:
-            return ""
-        order = np.argsort(times, kind="stable")
-        same = np.diff(times[order]) == 0.0
+        Raises `InvalidInputError` if most times belong to several values.
+        """
+        by_clock = np.reshape(np.asarray(stamps, np.float64), (-1, 2)).T
+        own, other = by_clock[self._clock], by_clock[1 - self._clock]
+        order = np.argsort(own, kind="stable")
+        same = np.diff(own[order]) == 0.0
         count = int((same & np.any(np.diff(values[order], axis=0) != 0.0, axis=1)).sum())
-        if 2 * count <= len(times):
-            return ""
-        clocks = {"header": "stamp in the header", "recording": "time of recording"}
-        other: Clock = "recording" if self._reading.clock == "header" else "header"
-        advice = f"give `clock` {other}"
-        if self._is_repeated(name, other):
-            advice = f"the {clocks[other]} repeats too: record with finer times"
-        return (
-            f"{count} of {len(times)} messages of {name} in {self._path} differ from another with"
-            f" the same {clocks[self._reading.clock]}: {advice}"
+        if len(own) < 2 or 2 * count <= len(own):
+            return own
+        advice = f"give `clock` {CLOCKS[1 - self._clock]}"
+        if 2 * len(np.unique(other)) < len(other):
+            advice = f"the {_CLOCKS[1 - self._clock]} repeats too: record with finer times"
+        raise InvalidInputError(
+            f"{count} of {len(own)} messages of {name} in {self._path} differ from another with"
+            f" the same {_CLOCKS[self._clock]}: {advice}"
         )
 
-    def _is_repeated(self, name: str, clock: Clock) -> bool:
-        """Return whether most times by a clock repeat, of a topic or of a transform."""
-        log = copy(self)
-        log._reading = replace(self._reading, clock=clock)
-        content = {topic.name: topic.content for topic in self.topics}.get(name, "transforms")
-        if content != "transforms":
-            times = [time for time, _ in log._messages(name, content)]
-        elif clock == "header":  # a transform has a stamp of its own
-            return False
-        else:
-            times = [
-                time
-                for topic in self.topics
-                if topic.content == "transforms"
-                for time, message in log._messages(topic.name, "transforms")
-                if any(" to ".join(_ends(each)) == name for each in message.transforms)
-            ]
-        return 2 * len(set(times)) < len(times)
-
-    def _messages(self, topic: str, content: Content) -> Iterator[tuple[float, Any]]:
-        """Yield the time [s] and message of each message of a topic."""
+    def _messages(self, topic: str, content: Content) -> Iterator[tuple[_Times, Any]]:
+        """Yield the times [s] and message of each message of a topic."""
         with self._reader() as reader:
             connections = [
                 connection
@@ -252,7 +203,7 @@ class BagLog:
             try:
                 for connection, nanoseconds, raw in reader.messages(connections):
                     message = reader.deserialize(raw, connection.msgtype)
-                    yield self._time(message, 1e-9 * nanoseconds), message
+                    yield _times(message, 1e-9 * nanoseconds), message
             except Exception:  # noqa: BLE001 - as in `_reader`
                 raise self._damaged() from None
 
@@ -294,15 +245,11 @@ def _frame(message: Any) -> str:
     return "" if header is None else str(header.frame_id).lstrip("/")
 
 
-def _ends(transform: Any) -> tuple[str, str]:
-    """Return the parent and the child frame of a transform."""
-    return _frame(transform), transform.child_frame_id.lstrip("/")
-
-
-def _stamp(message: Any) -> float:
-    """Return the header's time [s], or 0 where it is not set."""
+def _times(message: Any, recorded: float) -> _Times:
+    """Return the header's time [s], if it is set, and that of the recording."""
     header = getattr(message, "header", None)
-    return 0.0 if header is None else header.stamp.sec + 1e-9 * header.stamp.nanosec
+    stamp = 0.0 if header is None else header.stamp.sec + 1e-9 * header.stamp.nanosec
+    return stamp or recorded, recorded
 
 
 def _pose(message: Any) -> FloatArray:

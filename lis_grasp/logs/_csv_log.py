@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Collection
 from contextlib import suppress
@@ -18,7 +17,6 @@ from lis_grasp.io.csv_tables import (
     SECONDS,
     column_numbers,
     factor_of,
-    read_table,
     without_unit,
 )
 from lis_grasp.logs._column_names import (
@@ -33,8 +31,8 @@ from lis_grasp.logs._columns import read_columns
 from lis_grasp.logs._orientations import Turns, find_turns, form_of, quaternions_of
 from lis_grasp.logs._streams import (
     LONGEST_GAP,
-    FrameTree,
     JointSeries,
+    RobotLog,
     TimedForces,
     TimedPoses,
     Topic,
@@ -46,10 +44,9 @@ _OTHERS = {"velocity", "effort"}  # other values of joints
 _LEAST_STEP = 1e-4  # [s], of a log in the right unit
 
 
-class CsvLog:
+class CsvLog(RobotLog):
     """Forces and poses of a CSV table: the topics `force`, `tip` and, if it is there, `object`."""
 
-    reach = math.inf
     unit_advice = "if its positions are in millimetres, name the columns x_mm,y_mm,z_mm"
 
     def __init__(
@@ -67,7 +64,7 @@ class CsvLog:
         if not timed or not self._force or (posed and not columns.has("tip", POINT)):
             raise InvalidFileError(
                 f"a log as CSV needs the columns time, fx,fy,fz or force, and x,y,z of the tip;"
-                f" {path} has {', '.join(read_table(path)[0])}",
+                f" {path} has {', '.join(columns.names)}",
                 path=path,
             )
         title = columns.titles["", "time"]
@@ -103,11 +100,7 @@ class CsvLog:
         if (turns := self._turns_of(topic)) is not None:
             quaternions = quaternions_of(turns, self._reading.orientation, self._columns)
         values = np.hstack([positions, quaternions])
-        return TimedPoses.collect(self._times, values, child=topic, name=topic)
-
-    def frames(self) -> FrameTree:
-        """Return no transforms: a table has none."""
-        return FrameTree({})
+        return TimedPoses.collect(self._times, values, self.base, topic, topic)
 
     def joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
         """Return positions of joints whose columns have their names, also as in bags.
@@ -115,24 +108,19 @@ class CsvLog:
         Examples are ``elbow``, ``/joint_states/elbow/position`` and ``position.elbow``, and
         ``actual_q_2`` of an arm of UR.
         """
-        titles, rows = read_table(self._path)
         lowered = {name.lower(): name for name in names}
         found: dict[str, list[JointSeries]] = {}
-        for k, title in enumerate(titles):
+        for k, title in enumerate(self._columns.names):
             text, unit = without_unit(title) if title.lower() not in lowered else (title, "")
             parts = set(re.split(r"[./]", text))
             named = (parts & lowered.keys()) or _joints_of(text, lowered.keys())
             for name in named if not _OTHERS & parts else ():
                 factor = factor_of(self._path, title, unit, {**ANGLES, "m": 1.0, "mm": 1e-3})
-                positions = factor * column_numbers(self._path, rows, k, title)
+                positions = factor * column_numbers(self._path, self._columns.rows, k, title)
                 found.setdefault(lowered[name], []).append(
                     JointSeries(title, self._times, positions)
                 )
         return found
-
-    def other_joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
-        """Return nothing: all columns of joints are used."""
-        return {}
 
     def joint_names(self) -> tuple[str, ...]:
         """Return the columns that are not understood; some may be joints."""
@@ -172,8 +160,8 @@ class CsvLog:
         if not self._columns.has("tip", POINT) or not np.any(np.diff(self._times) < 0.0):
             return
         path = self._columns.table("tip", POINT)
-        path, times = path[np.isfinite(path).all(axis=1)], self._times
-        times = times[np.isfinite(self._columns.table("tip", POINT)).all(axis=1)]
+        known = np.isfinite(path).all(axis=1)
+        path, times = path[known], self._times[known]
         in_rows, in_time = (
             float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
             for way in (path, path[np.argsort(times, kind="stable")])

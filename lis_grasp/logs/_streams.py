@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal
@@ -10,6 +12,7 @@ from typing import Literal
 import networkx as nx
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
+from typing_extensions import Self
 
 from lis_grasp.contacts import FARTHEST
 from lis_grasp.exceptions import InvalidInputError, note
@@ -197,8 +200,71 @@ class JointSeries:
         Topic, or column of a table.
     times, positions
         Shapes (T,) [s] and (T,) [rad or m]; not sorted.
+    is_left_out
+        Whether it is of a topic that the user left out.
     """
 
     source: str
     times: FloatArray
     positions: FloatArray
+    is_left_out: bool = False
+
+
+class RobotLog(ABC):
+    """Forces and poses of a log, by topic.
+
+    Attributes
+    ----------
+    topics
+        The topics.
+    unused
+        Content without a topic: columns that are not understood.
+    unit_advice
+        What to do if positions are not in metres.
+    base
+        Frame of poses whose frame is not known: that of the robot's base; empty if it is unknown.
+    reach
+        Largest distance of a link from the robot's base [m]; infinite if it is not known.
+    """
+
+    topics: tuple[Topic, ...]
+    unused: tuple[str, ...] = ()
+    unit_advice: str
+    base: str = ""
+    reach: float = np.inf
+    _frames: FrameTree | None = None
+
+    def with_links(self, frames: FrameTree, base: str, reach: float) -> Self:
+        """Return the log with the frames of a robot's links; see the attributes."""
+        log = copy(self)
+        log._frames, log.base, log.reach = frames, base, reach
+        return log
+
+    @abstractmethod
+    def forces(self, topic: str) -> TimedForces:
+        """Return the forces of a topic."""
+
+    @abstractmethod
+    def poses(self, topic: str) -> TimedPoses:
+        """Return the poses of a topic."""
+
+    def frames(self) -> FrameTree:
+        """Return the transforms between frames, read once."""
+        if self._frames is None:
+            self._frames = self._read_frames()
+        return self._frames
+
+    def _read_frames(self) -> FrameTree:
+        return FrameTree({})
+
+    @abstractmethod
+    def joints(self, names: tuple[str, ...]) -> Mapping[str, list[JointSeries]]:
+        """Return the positions of the logged joints, from each of their sources."""
+
+    @abstractmethod
+    def joint_names(self) -> tuple[str, ...]:
+        """Return the names of joints, or what may be joints."""
+
+    def other_readings(self) -> Mapping[str, Self]:
+        """Return the log with other meanings of the tip's topic, by the advice to take it so."""
+        return {}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -14,14 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidInputError, listed, note
 from lis_grasp.logs._column_names import COMMANDS
-from lis_grasp.logs.readers import (
-    FrameTree,
-    JointSeries,
-    RobotLog,
-    TimedForces,
-    TimedPoses,
-    Topic,
-)
+from lis_grasp.logs.readers import FrameTree, JointSeries, RobotLog, TimedPoses
 from lis_grasp.logs.reading import LogReading
 from lis_grasp.robots.described_joints import reach_of, read_joints
 from lis_grasp.typing import FloatArray
@@ -64,8 +56,12 @@ def with_link_frames(
     """
     joints = read_joints(description, xacro_args)
     moving = [joint for joint in joints if not joint.is_fixed]
-    logged = log.joints(tuple(dict.fromkeys(joint.leader for joint in moving)))
-    if not logged:
+    found = log.joints(tuple(dict.fromkeys(joint.leader for joint in moving)))
+    logged, others = (
+        {name: [s for s in series if s.is_left_out == out] for name, series in found.items()}
+        for out in (False, True)
+    )
+    if not any(logged.values()):
         named = ", ".join(dict.fromkeys(joint.joint.name for joint in moving)) or "none"
         raise InvalidInputError(
             f"the log must have joint states of {description}, whose movable joints are"
@@ -78,7 +74,7 @@ def with_link_frames(
     }
     if reading.angles == "deg":
         _question_degrees(tracks, {joint.joint.name: joint.joint for joint in moving})
-    _question_commands(tracks, log.other_joints(tuple(tracks)))
+    _question_commands(tracks, others)
     frames, unknown = {}, {}
     for joint in joints:
         if joint.is_fixed:
@@ -100,7 +96,7 @@ def with_link_frames(
         {**own.unknown, **unknown},
         (*own.sources, *sorted(sources)),
     )
-    return _LogWithLinks(log, tree, base, reach_of(joints))
+    return log.with_links(tree, base, reach_of(joints))
 
 
 def _one_track(
@@ -240,48 +236,3 @@ def _others(log: RobotLog) -> str:
 def _timed(times: FloatArray, X: FloatArray, parent: str, child: str) -> TimedPoses:
     values = np.hstack([X[:, :3, 3], Rotation.from_matrix(X[:, :3, :3]).as_quat()])
     return TimedPoses.collect(times, values, parent, child, f"{parent} to {child}")
-
-
-@dataclass(frozen=True, slots=True)
-class _LogWithLinks(RobotLog):
-    """A log with the frames of a robot; poses without a frame are in the frame of its base."""
-
-    log: RobotLog
-    tree: FrameTree
-    base: str
-    reach: float
-
-    @property
-    def unit_advice(self) -> str:  # type: ignore[override]
-        return self.log.unit_advice
-
-    @property
-    def topics(self) -> tuple[Topic, ...]:  # type: ignore[override]
-        return self.log.topics
-
-    @property
-    def unused(self) -> tuple[str, ...]:  # type: ignore[override]
-        return self.log.unused
-
-    def forces(self, topic: str) -> TimedForces:
-        return self.log.forces(topic)
-
-    def poses(self, topic: str) -> TimedPoses:
-        poses = self.log.poses(topic)
-        return poses if poses.parent else replace(poses, parent=self.base)
-
-    def joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
-        return self.log.joints(names)
-
-    def other_joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
-        return self.log.other_joints(names)
-
-    def joint_names(self) -> tuple[str, ...]:
-        return self.log.joint_names()
-
-    def other_readings(self) -> Mapping[str, RobotLog]:
-        others = self.log.other_readings().items()
-        return {advice: replace(self, log=log) for advice, log in others}
-
-    def frames(self) -> FrameTree:
-        return self.tree

@@ -5,15 +5,20 @@ ROS 1 bags, ROS 2 bags and MCAP files are read by `logs._bag_log`, CSV tables by
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.io.content_kinds import named_by_content
 from lis_grasp.logs._bag_log import BagLog
 from lis_grasp.logs._csv_log import CsvLog
-from lis_grasp.logs._streams import FrameTree, JointSeries, TimedForces, TimedPoses, Topic
+from lis_grasp.logs._streams import (
+    FrameTree,
+    JointSeries,
+    RobotLog,
+    TimedForces,
+    TimedPoses,
+    Topic,
+)
 from lis_grasp.logs.reading import LogReading
 
 __all__ = [
@@ -25,51 +30,6 @@ __all__ = [
     "Topic",
     "open_log",
 ]
-
-
-class RobotLog(Protocol):
-    """Forces and poses of a log, by topic."""
-
-    @property
-    def topics(self) -> tuple[Topic, ...]:
-        """The topics."""
-        ...
-
-    @property
-    def unused(self) -> tuple[str, ...]:
-        """Content without a topic: columns that are not understood."""
-        ...
-
-    def forces(self, topic: str) -> TimedForces:
-        """Return the forces of a topic."""
-
-    def poses(self, topic: str) -> TimedPoses:
-        """Return the poses of a topic."""
-
-    def frames(self) -> FrameTree:
-        """Return the transforms between frames of all transform topics."""
-
-    def joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
-        """Return the positions of the logged joints, from each of their sources."""
-
-    def other_joints(self, names: tuple[str, ...]) -> dict[str, list[JointSeries]]:
-        """Return the positions of joints on topics that the user left out."""
-
-    def joint_names(self) -> tuple[str, ...]:
-        """Return the names of joints, or what may be joints."""
-
-    def other_readings(self) -> Mapping[str, RobotLog]:
-        """Return the log with other meanings of the tip's topic, by the advice to take it so."""
-
-    @property
-    def unit_advice(self) -> str:
-        """What to do if positions are not in metres."""
-        ...
-
-    @property
-    def reach(self) -> float:
-        """Largest distance of a link from the robot's base [m]; infinite if it is not known."""
-        ...
 
 
 def open_log(path: Path, *, posed: bool = True, reading: LogReading = LogReading()) -> RobotLog:

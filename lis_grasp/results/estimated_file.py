@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,7 +15,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGraspError
 from lis_grasp.io import provenance
 from lis_grasp.io.contact_files import read_point_file
-from lis_grasp.results.folder import LOG, require_own, result_file
+from lis_grasp.results.folder import LOG, require_own, result_file, view_paths
 from lis_grasp.results.notes import WARNING
 from lis_grasp.results.progress import SILENT, Progress
 from lis_grasp.results.stage_files import (
@@ -24,11 +24,17 @@ from lis_grasp.results.stage_files import (
 )
 from lis_grasp.stages.contact_sources import ContactSource, join_sources, read_source
 from lis_grasp.stages.known_table import known_table
+from lis_grasp.stages.looking import load_views
+from lis_grasp.stages.views_prior import ViewsPrior
 from lis_grasp.surfaces.contact_checks import doubt_of_side
 from lis_grasp.surfaces.estimators import require_noise_below_size
 from lis_grasp.task.recorded_facts import read_facts
 from lis_grasp.task.task import Task, require_options
 from lis_grasp.typing import FloatArray
+from lis_grasp.views import Views
+
+OPTIONS = ("estimator", "free_space", "keep_all", "views", "hand_eye")
+"""Options of an estimate, beside the noise of its contacts."""
 
 # Fields by which contacts are compared.
 _COMPARED = ("points", "normals", *NOISE)
@@ -58,7 +64,8 @@ def estimate_file(
     surface are removed. `folder` is by default that of the first file. `support` is the height of
     the table under the object [m], which closes the estimate from below, or "none" for an object
     held in the air; by default as recorded in the files. The options are ``estimator``,
-    ``free_space`` and ``keep_all``, by default as recorded in the files, else as in `Task`.
+    ``free_space``, ``keep_all``, ``views`` and ``hand_eye``, by default as recorded in the files,
+    else as in `Task`.
 
     Raises `InvalidContactsError` if there are no contacts, `InvalidOptionError` if the folder has
     others that must be kept, `TypeError` for another option.
@@ -71,7 +78,7 @@ def estimate_file(
     >>> made.path.name, made.mesh.is_watertight
     ('surface.ply', True)
     """
-    require_options(options, ("estimator", "free_space", "keep_all"))
+    require_options(options, OPTIONS)
     paths = [Path(source.path) for source in sources]
     contacts, recorded = _load_sources(sources)
     if not len(contacts):
@@ -80,6 +87,9 @@ def estimate_file(
     task = Task.from_facts({"estimator": None, **noise, **options}, recorded)
     require_noise_below_size(contacts, task.robot.position_noise)
     place, known = known_table(support, task, recorded)
+    views = _views(options.get("views"), task, recorded, paths[0].parent, place.support)
+    if views is not None:
+        known = replace(known, prior=ViewsPrior(views))
     folder = paths[0].parent if folder is None else folder
     is_kept = _require_contacts_fit(folder, contacts, paths)
     checked = "object" in recorded or any(source.normals or source.viewpoint for source in sources)
@@ -103,6 +113,30 @@ def estimate_file(
             with result_file(folder / "contacts.ply", progress) as copy:
                 contacts.save(copy, header=provenance.merge(recorded))
     return EstimatedFile(path, mesh, contacts, not is_kept)
+
+
+def _views(
+    given: Sequence[str] | None,
+    task: Task,
+    recorded: Mapping[str, Any],
+    folder: Path,
+    support_height: float | None,
+) -> Views | None:
+    """Return the given views, else those that belong to the contacts; None without any.
+
+    An exploration keeps its views beside its contacts, unless it lost the object.
+    """
+    seen = recorded.get("seen")
+    paths: Sequence[Path | str] = given or task.known.views or ()
+    if not given and seen is not None:
+        paths = view_paths(folder, seen)
+    if not paths:
+        return None
+    if support_height is None:
+        raise InvalidOptionError(
+            "views are of an object on a table: give its height by `support`", option="support"
+        )
+    return Views(tuple(load_views(paths, task, support_height)), support_height)
 
 
 def _load_sources(sources: Sequence[ContactSource]) -> tuple[Contacts, dict[str, Any]]:

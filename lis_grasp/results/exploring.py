@@ -16,7 +16,13 @@ from lis_grasp.exploration.strategy import end
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import sole_writer
 from lis_grasp.io.surface_files import remove_growth
-from lis_grasp.results.folder import LOG, remove_made_from, result_file, results_folder
+from lis_grasp.results.folder import (
+    LOG,
+    remove_made_from,
+    result_file,
+    results_folder,
+    view_paths,
+)
 from lis_grasp.results.growing import watched_steps
 from lis_grasp.results.notes import say_object
 from lis_grasp.results.progress import SILENT, Progress
@@ -32,6 +38,7 @@ from lis_grasp.stages.touch import (
     true_pose,
 )
 from lis_grasp.task.task import Task
+from lis_grasp.views import save_view
 
 
 def explore_into(
@@ -57,9 +64,9 @@ def explore_into(
     """
     task, agent = scenario.task, scenario.agent
     cloud = agent.cloud_contacts
-    prior = prior_contacts(cloud)
+    thinned = prior_contacts(cloud)
     header = exploration_header(scenario)
-    log = TouchLog(folder / LOG, provenance.parse(header) | exploration_content(task))
+    log = TouchLog(folder / LOG, provenance.parse(header) | exploration_content(scenario))
     recorded, ending = recorded_probes(log, task, progress, fresh=fresh)
     observations = [probe.observation for probe in recorded]
     if not recorded:
@@ -68,10 +75,12 @@ def explore_into(
         (folder / "contacts.ply").unlink(missing_ok=True)
     disturbances = [p.disturbance for p in recorded if p.disturbance is not None]
     disturbance = disturbances[-1] if disturbances else None
+    for view, path in zip(agent.seen_by, view_paths(folder, len(agent.seen_by)), strict=True):
+        save_view(view, path)
     title = f"Touching {scenario.truth.shape.name} with {agent.hand.name}"
     with progress.stage(title) as stage:
         if ending is not None:
-            perception, strategy = make_perception(agent.perception, prior), make_strategy(agent)
+            perception, strategy = make_perception(agent.perception, thinned), make_strategy(agent)
             state, X_EO = begin(perception, strategy, observations), recorded[-1].X_EO
             state = end(strategy, state, ending)
         else:
@@ -86,7 +95,7 @@ def explore_into(
         exploration = state.result
         stage.result = exploration.summary()
     contacts = exploration.contacts
-    if len(state.prior):  # the object was not lost
+    if len(state.given.touched):  # the object was not lost
         contacts = contacts.append(cloud)
     after = scenario.after(exploration, X_EO, disturbance)
     facts = provenance.parse(header) | after.facts() | after.warnings(contacts)

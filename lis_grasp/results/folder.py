@@ -16,10 +16,13 @@ from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import read_lines
 from lis_grasp.results.progress import SILENT, Progress
 from lis_grasp.task.recorded_facts import checked_facts, read_facts
-from lis_grasp.task.task import KNOWN, Task
+from lis_grasp.task.task import KNOWN, Task, plain_value
 
 LOG = "touches.jsonl"
 """The touch log of an exploration."""
+
+VIEW = "view.npz"
+"""The first view of an exploration; others are view_2.npz, and so on."""
 
 SCENE = "scene.yaml"
 """The task of a run."""
@@ -87,19 +90,26 @@ def results_folder(task: Task, named: Path | str | None) -> Path:
     return folder
 
 
+def view_paths(folder: Path, count: int) -> list[Path]:
+    """Return the paths of a number of views in a folder."""
+    return [folder / (VIEW if k == 1 else f"view_{k}.npz") for k in range(1, count + 1)]
+
+
 def default_output(task: Task) -> Path:
     """Return the default folder of a run; other options give another one."""
     facts, usual = task.facts(), Task().facts()
     parts = [Path(task.world.object).stem, Path(task.robot.hand).stem, facts["estimator"]]
     parts.append(f"seed{task.seed}")
     usual["free"] = task.world.prober == "dynamic"
-    if all(facts[option] == value for option, value in KNOWN.items()):
+    known = {name: plain_value(value) for name, value in KNOWN.items()}
+    if all(facts[option] == value for option, value in known.items()):
         parts.append("known")
-        usual |= KNOWN
+        usual |= known
     for name, value in facts.items():
         if name not in _NAMED and value != usual[name]:
             shown = Path(value).stem if name in ("cloud", "pose") and value else f"{value}"
             shown = Path(value).name if name == "world" else shown
+            shown = Path(value[0]).stem if name == "views" and value else shown
             parts.append({"True": name, "False": f"no_{name}"}.get(shown, f"{name}_{shown}"))
     name = "-".join(re.sub(r"[^\w.+-]", "_", part)[:_LONGEST_PART] for part in parts)
     return Path("results") / name

@@ -68,7 +68,7 @@ def watched_steps(
             # One touch can make several contacts and so pass a count.
             if made < agent.decide.touches and any(kept < count <= made for count in counts):
                 with suppress(EstimationError, InvalidMeshError):  # too few for a surface
-                    surface = SurfaceEstimate(state.known, agent.perception).surface
+                    surface = SurfaceEstimate(state.touched, agent.perception).surface
                     cell = float(np.ptp(surface.bounds, axis=0).max()) / _CELLS
                     mesh = extract_mesh(surface, resolution=cell)
                     save_growth(log.path.parent, len(state.contacts), mesh, header)

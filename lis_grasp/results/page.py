@@ -17,16 +17,20 @@ from lis_grasp.geometry import inverse_pose, require_pose
 from lis_grasp.io.atomic_writing import write_bytes
 from lis_grasp.io.limits import reading
 from lis_grasp.io.surface_files import load_growth
-from lis_grasp.results.folder import LOG, PAGE, PICTURE, read_touches
+from lis_grasp.results.folder import LOG, PAGE, PICTURE, read_touches, view_paths
 from lis_grasp.results.run_results import SOURCES, Run
 from lis_grasp.results.summary import headline, run_lines
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
+from lis_grasp.stages.place import corner_walls
 from lis_grasp.stages.surroundings import find_surroundings
+from lis_grasp.stages.views_prior import ViewsPrior
 from lis_grasp.task.recorded_facts import read_facts
 from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
+from lis_grasp.views import Views, load_view
 from lis_grasp.visualization.scene import Scene
+from lis_grasp.visualization.view_layers import SeenSurface
 from lis_grasp.world import Surroundings
 
 
@@ -62,7 +66,7 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
         if run.truth is not None:
             content |= {"truth": run.truth.mesh, "title": f"lis_grasp: {run.truth.name}"}
     with suppress(LisGraspError):  # the page is complete without them
-        content["surroundings"] = _beside(facts, probes)
+        content["surroundings"] = _beside({**facts, **_place_of(report)}, probes)
     if facts.get("arm") is not None and "X_EA" in facts:
         height = facts.get("support_height")
         table = None if height is None else Table(float(height))
@@ -77,6 +81,9 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
         if (directory / LOG).exists() and made.get("hand") == facts.get("hand"):
             content["touches"] = _touches(probes, contacts, made, hand)
             content |= _search(probes, made)
+    if contacts is not None and facts.get("seen"):
+        with suppress(LisGraspError):  # the page is complete without it
+            content["seen"] = _seen(directory, facts, contacts)
     rows = [*(facts.get("turned") or ()), *(facts.get("left_out") or ())]
     content["bad_contacts"] = [] if contacts is None else [i for i in rows if i < len(contacts)]
     if "summary" not in content:
@@ -94,17 +101,33 @@ def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
     return Scene(**content)
 
 
+def _seen(directory: Path, facts: Mapping[str, Any], contacts: Contacts) -> SeenSurface:
+    """Return what the cameras of a run saw of its object, given its contacts."""
+    views = tuple(map(load_view, view_paths(directory, facts["seen"])))
+    height = float(facts.get("support_height") or 0.0)
+    known = ViewsPrior(Views(views, height)).given(contacts)
+    return SeenSurface(views[0], known.seen, known.guesses)
+
+
 def _beside(facts: Mapping[str, Any], probes: tuple[LoggedProbe, ...] | None) -> Surroundings:
     """Return the bodies beside the object, where touches left them, in the frame of the contacts.
 
     The robot's error about their places is left out: the page shows the truth.
     """
     height = float(facts.get("support_height") or 0.0)
-    in_W = find_surroundings(Task.from_facts({}, facts), height)
+    task = Task.from_facts({}, facts)
+    is_corner = task.decide.place == "corner"
+    in_W = corner_walls(height) if is_corner else find_surroundings(task, height)
     if not probes:
         return in_W.in_frame(require_pose("X_WE", facts.get("X_WE", np.eye(4))))
     pushed = [probe.disturbance.poses for probe in probes if probe.disturbance is not None]
     return in_W.placed(pushed[-1] if pushed else {}).in_frame(_frame(probes))
+
+
+def _place_of(report: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return the kind of place in a report, which no header has; nothing without one."""
+    config = {} if report is None else report.get("config", {})
+    return {"place": config["place"]} if config.get("place") else {}
 
 
 def _frame(probes: tuple[LoggedProbe, ...] | None) -> FloatArray:

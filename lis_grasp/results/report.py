@@ -54,7 +54,9 @@ def build_report(
         "grasps": _grasp_facts(last),
         "attempts": [_attempt_facts(attempt) for attempt in attempts],
         "lift": lift_facts(last.outcome, mass=scenario.truth.mass),
+        **place_facts(last),
         **world_facts(attempts),
+        **view_facts(scenario, exploration),
     }
 
 
@@ -150,6 +152,28 @@ def _attempt_facts(attempt: Attempt) -> dict[str, Any]:
     }
 
 
+def view_facts(scenario: Scenario, exploration: Exploration) -> dict[str, Any]:
+    """Return what cameras saw of the object, given its touches; nothing without a camera.
+
+    `deviation` [m] is that of the place of the seen surface by the camera's pose, `given` by touch
+    and table, `before` by the prior alone; `dropped` says why the views were not used.
+    """
+    agent, task = scenario.agent, scenario.task
+    if not task.sees:
+        return {}
+    if agent.views is None:
+        return {"views": {"dropped": "the object was lost"}}
+    known = agent.views.given(exploration.contacts)
+    facts = {
+        "number": len(known.views),
+        "pixels": [int(view.object_mask.sum()) for view in known.views],
+        "touches_of_seen_surface": [one.touches for one in known.calibrations],
+        "deviation": {"before": agent.views.displacement, "given": known.displacement},
+        "dropped": known.reason or None,
+    }
+    return {"views": facts}
+
+
 def world_facts(attempts: Sequence[Attempt]) -> dict[str, Any]:
     """Return what touches and lifts did to the bodies beside the object; nothing without bodies.
 
@@ -209,6 +233,30 @@ def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
         **({"forces": dict(outcome.forces)} if outcome.forces else {}),
         **_use_facts(outcome),
     }
+
+
+def place_facts(attempt: Attempt) -> dict[str, Any]:
+    """Return what became of an object that was to be placed, as plain values; nothing for others.
+
+    `moved` [m] and `turned` [rad] are from the planned pose of the true object, ``planned.X_EO``.
+    """
+    truth, outcome = attempt.scenario.truth, attempt.outcome
+    if attempt.scenario.agent.decide.place is None:
+        return {}
+    made = None if outcome is None else outcome.place
+    if made is None:
+        return {"place": {"placed": False, "reason": "not_held"}}
+    planned: dict[str, Any] | None = None
+    if made.plan is not None:
+        planned = {
+            "X_EO": (made.plan.motion @ truth.X_EO).tolist(),
+            "stands": made.plan.stands,
+            "band": made.plan.band,
+            "gaps": dict(made.plan.gaps),
+        }
+    errors = {"moved": made.moved, "turned": made.turned, "leaning": made.leaning}
+    placed = {"placed": made.placed, "reason": made.reason}
+    return {"place": {**placed, **errors, "felt": made.felt, "planned": planned}}
 
 
 def motion_facts(scenario: Scenario, exploration: Exploration) -> dict[str, Any] | None:

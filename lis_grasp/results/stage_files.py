@@ -50,8 +50,8 @@ def write_surface(
     """
     made = SurfaceEstimate(contacts, known)
     verdicts, warnings = made.verdicts, list(recorded.get("warnings") or ())
-    warnings += filter(None, [few_contacts(contacts)])  # `note_doubts` notes these
-    note_doubts(made.credible, known.support_height)
+    warnings += filter(None, [few_contacts(made.measured)])  # `note_doubts` notes these
+    note_doubts(made.given.seen.append(made.credible), known.support_height)
     if verdicts.bad.any():
         warnings.append(verdicts.sentence())
         progress.say(f"warning: {warnings[-1]} (`keep_all` believes all)")
@@ -126,7 +126,8 @@ class StoredStages(Stages):
         with self._progress.stage(title) as stage, self._watch.measure("lift"):
             outcome = super().lift(scenario, grasp, mesh, accept_grasp)
             outcome.motion.save(self._folder / "motion.npz")
-            stage.result = outcome.reason
+            put = outcome.place
+            stage.result = outcome.reason + ("" if put is None else f", {put.reason}")
         return outcome
 
     def touch_more(

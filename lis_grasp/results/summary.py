@@ -9,6 +9,7 @@ from typing import Any
 
 from lis_grasp.arms.use import violations
 from lis_grasp.exceptions import counted
+from lis_grasp.results.placed import place_lines
 
 # Below this intersection over union the estimate is called poor.
 _LOW_IOU = 0.8
@@ -70,6 +71,7 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
         f"estimated rmsd {1e3 * surface['rmsd']:.2f} mm{edges}",
     ]
     lines += [f"doubted   {warning}" for warning in report.get("warnings", ())]
+    lines += _view_lines(report.get("views", {}))
     iou = surface["iou"]
     if iou is not None and iou < _LOW_IOU:
         lines.append(
@@ -102,10 +104,25 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
         why = LIFT_REASONS.get(lift["reason"], lift["reason"])  # a later version's as is
         why = no_grasp_sentence(grasps["rejections"], grasps.get("hit_bodies")) if no_grasp else why
         lines.append(f"{lifted}: {why}")
-    lines += _world_lines(report)
+    lines += place_lines(report) + _world_lines(report)
     if "arm" in report:
         lines.append(_arm_line(report))
     return tuple(lines)
+
+
+def _view_lines(facts: Mapping[str, Any]) -> list[str]:
+    """Return what cameras saw, and how certain its place is, if there was a camera."""
+    if facts.get("dropped"):
+        return [f"seen      not used: {facts['dropped']}"]
+    if not facts:
+        return []
+    before, given = (1e3 * facts["deviation"][name] for name in ("before", "given"))
+    pixels, touches = sum(facts["pixels"]), sum(facts["touches_of_seen_surface"])
+    of_it = f"{touches} touch{'es' * (touches != 1)} of it"
+    certain = f"known to {given:.1f} mm by the table and {of_it}"
+    return [
+        f"seen      by {counted(pixels, 'pixel')}; its place is {certain}, to {before:.1f} before"
+    ]
 
 
 def _world_lines(report: Mapping[str, Any]) -> list[str]:
@@ -125,6 +142,9 @@ def headline(report: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     outcome = "held" if lift["held"] else lift["reason"].replace("_", " ")
     lifted = "lifted, but not held" if lift["lifted"] else "not held"
     numbers = [(outcome, "lifted and shaken" if lift["held"] else lifted)]
+    if (place := report.get("place")) is not None:
+        how = "stands as planned" if place["placed"] else "not placed"
+        numbers.append((place["reason"].replace("_", " "), how))
     if report["surface"]["rmsd"] is not None:
         numbers.append((f"{1e3 * report['surface']['rmsd']:.1f} mm", "error of the estimate"))
     numbers.append((f"{report['touches']}", "touches"))
@@ -233,10 +253,10 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         " low for this hand",
         "grasp_hits_obstacle": "a link of the closed hand would hit a body beside the object"
         " (`world`)",
-        "lift_hits_obstacle": "the hand would hit a body in the lift or its shake, from 3 to 20 cm"
+        "lift_hits_obstacle": "the hand would hit a body in the lift or its shake, from 3 to 30 cm"
         " high (`world`): there must be room above the hand",
         "carried_hits_obstacle": "the object in the hand would hit a body in the lift or its shake,"
-        " from 3 to 20 cm high (`world`): there must be room beside and above the object",
+        " from 3 to 30 cm high (`world`): there must be room beside and above the object",
         "retreat_hits_obstacle": "the opened hand that lets go of a lost object would hit a body"
         " (`world`): there must be 12 cm behind the hand at the height of the lift",
         "grasp_hits_self": "two links of the closed hand would collide",

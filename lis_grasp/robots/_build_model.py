@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import trimesh
 import yourdfpy
 
 from lis_grasp.exceptions import InvalidHandError, LisGraspError, note
@@ -26,7 +25,7 @@ from lis_grasp.robots.link_bodies import (
     LARGEST,
     GivenMesh,
     convex_body,
-    load_link_mesh,
+    mesh_of,
     primitive,
     shape_and_sizes,
 )
@@ -145,20 +144,14 @@ class _Builder:
 
     def _visuals(self, link: str) -> Iterator[LinkVisual]:
         for visual in self._links[link].visuals:
-            shape, X_LG = visual.geometry, pose_matrix(visual.origin)
             try:
-                if shape is None or shape.mesh is None:
-                    body = self._geometry(link, visual)
-                    if body is not None:
-                        yield LinkVisual(link, X_LG, body.mesh)
-                elif isinstance(shape.mesh, GivenMesh):
-                    yield LinkVisual(link, X_LG, shape.mesh.mesh)
-                else:
-                    file = resolve_uri(shape.mesh.filename, self._path.parent, str(self._path))
-                    scale = None if shape.mesh.scale is None else np.atleast_1d(shape.mesh.scale)
-                    yield LinkVisual(link, X_LG, file, scale)
+                shape = self._shape(link, visual)
             except LisGraspError as error:
                 self._unread.setdefault(link, error)
+                continue
+            if isinstance(shape, LinkGeometry):
+                shape = LinkVisual(link, shape.X_LG, shape.mesh)
+            yield from () if shape is None else (shape,)
 
     def _account_for_unread(self, with_bodies: Collection[str]) -> None:
         """Raise the error of a visual that would be a link's only body; note the others."""
@@ -173,32 +166,19 @@ class _Builder:
 
     def _bodies(self, link: str) -> Iterator[LinkGeometry]:
         for collision in self._links[link].collisions:
-            geometry = collision.geometry
-            if geometry is None or geometry.mesh is None:
-                body = self._geometry(link, collision)
-                if body is not None:
-                    yield body
-            else:
-                if isinstance(geometry.mesh, GivenMesh):
-                    mesh = geometry.mesh.mesh
-                else:
-                    file = resolve_uri(geometry.mesh.filename, self._path.parent, str(self._path))
-                    mesh = load_link_mesh(file, geometry.mesh.scale)
-                yield from self._convex(link, pose_matrix(collision.origin), mesh)
+            shape = self._shape(link, collision)
+            if isinstance(shape, LinkGeometry):
+                yield shape
+            elif shape is not None:
+                yield from self._hulls(shape)
 
-    def _hulls(self, visual: LinkVisual) -> Iterator[LinkGeometry]:
-        shape = visual.shape
-        mesh = shape if isinstance(shape, trimesh.Trimesh) else load_link_mesh(shape, visual.scale)
-        yield from self._convex(visual.link, visual.X_LG, mesh)
-
-    def _convex(self, link: str, X_LG: FloatArray, mesh: trimesh.Trimesh) -> Iterator[LinkGeometry]:
+    def _hulls(self, shape: LinkVisual) -> Iterator[LinkGeometry]:
         """Yield a mesh's convex hull, or its convex parts; nothing for a flat mesh."""
-        hull = convex_body(link, X_LG, mesh)
-        if hull is None or link not in self._split:
-            parts = [hull]
-        else:
+        link, mesh = shape.link, mesh_of(shape)
+        parts = [convex_body(link, shape.X_LG, mesh)]
+        if parts[0] is not None and link in self._split:
             found = convex_parts(mesh, most=_MOST_PARTS, voxels=_VOXELS)
-            parts = [convex_body(link, X_LG, part) for part in found]
+            parts = [convex_body(link, shape.X_LG, part) for part in found]
         yield from (part for part in parts if part is not None)
 
     def _ordered_joints(self) -> tuple[Joint, ...]:
@@ -263,17 +243,25 @@ class _Builder:
             offset=offset,
         )
 
-    def _geometry(self, link: str, collision: Any) -> LinkGeometry | None:
-        """Return a simple body; None without extent, as frames that only carry a name have."""
-        shape, sizes = shape_and_sizes(collision.geometry)
-        if shape is None:
+    def _shape(self, link: str, element: Any) -> LinkGeometry | LinkVisual | None:
+        """Return a simple body, or a mesh; None without extent, as frames that name a place have.
+
+        The mesh of a file is not read.
+        """
+        X_LG, mesh = pose_matrix(element.origin), getattr(element.geometry, "mesh", None)
+        if isinstance(mesh, GivenMesh):
+            return LinkVisual(link, X_LG, mesh.mesh)
+        if mesh is not None:
+            file = resolve_uri(mesh.filename, self._path.parent, str(self._path))
+            scale = None if mesh.scale is None else np.atleast_1d(mesh.scale)
+            return LinkVisual(link, X_LG, file, scale)
+        kind, sizes = shape_and_sizes(element.geometry)
+        if kind is None:
             raise InvalidHandError(
                 f"a collision body of link '{link}' must be a box, sphere, cylinder, capsule or"
                 " mesh"
             )
-        if 0.0 in sizes:
-            return None
-        return primitive(link, pose_matrix(collision.origin), shape, sizes)
+        return None if 0.0 in sizes else primitive(link, X_LG, kind, sizes)
 
 
 def _require_plausible_sizes(bodies: Sequence[LinkGeometry], joints: Sequence[Joint]) -> None:

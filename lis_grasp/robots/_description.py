@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -195,53 +195,43 @@ class JointNumbers:
         return 0.0 if self.rotor_inertia is None else self.rotor_inertia * ratio**2
 
 
+# Of a joint, or of the transmission that moves it: an element, and the attribute that has the
+# number; empty if its text has it.
+_SDF_NUMBERS = {
+    "velocity": ("axis/limit/velocity", ""),
+    "acceleration": (f"axis/limit/{_DRAKE}acceleration", ""),
+    "damping": ("axis/dynamics/damping", ""),
+    "rotor_inertia": (f"{_DRAKE}rotor_inertia", ""),
+    "gear_ratio": (f"{_DRAKE}gear_ratio", ""),
+}
+_URDF_NUMBERS = {
+    "velocity": ("limit", "velocity"),
+    "acceleration": ("limit", f"{_DRAKE}acceleration"),
+    "damping": ("dynamics", "damping"),
+    "rotor_inertia": (f"actuator/{_DRAKE}rotor_inertia", "value"),
+    "gear_ratio": (f"actuator/{_DRAKE}gear_ratio", "value"),
+}
+
+
 def read_joint_numbers(root: ET.Element) -> Mapping[str, JointNumbers]:
     """Return the numbers of each joint in a URDF or SDF by its name; an unusable one is None."""
-    read = _of_sdf if root.tag == "sdf" else _of_urdf
+    places = _SDF_NUMBERS if root.tag == "sdf" else _URDF_NUMBERS
     found: defaultdict[str, dict[str, float | None]] = defaultdict(dict)
-    read(root, found)
+    for owner in (*root.iter("joint"), *root.iter("transmission")):
+        joint = owner if owner.tag == "joint" else owner.find("joint")
+        name = "" if joint is None else joint.get("name", "")
+        for key, (place, attribute) in places.items():
+            if (element := owner.find(place)) is not None:
+                text = element.get(attribute) if attribute else element.text
+                found[name][key] = _number(text, key in ("velocity", "acceleration"))
     return defaultdict(JointNumbers, {name: JointNumbers(**n) for name, n in found.items()})
 
 
-def _of_urdf(root: ET.Element, found: Mapping[str, dict[str, float | None]]) -> None:
-    for joint in root.findall("joint"):
-        name = joint.get("name", "")
-        if (limit := joint.find("limit")) is not None:
-            found[name]["velocity"] = _limit(limit.get("velocity"))
-            found[name]["acceleration"] = _limit(limit.get(f"{_DRAKE}acceleration"))
-        if (dynamics := joint.find("dynamics")) is not None:
-            found[name]["damping"] = _number(dynamics.get("damping"), at_least=0.0)
-    for transmission in root.findall("transmission"):
-        driven = transmission.find("joint")
-        name = "" if driven is None else driven.get("name", "")
-        for key in ("rotor_inertia", "gear_ratio"):
-            if (value := transmission.find(f"actuator/{_DRAKE}{key}")) is not None:
-                found[name][key] = _number(value.get("value"), at_least=0.0)
-
-
-def _of_sdf(root: ET.Element, found: Mapping[str, dict[str, float | None]]) -> None:
-    places: dict[str, tuple[str, Callable[[str | None], float | None]]] = {
-        "velocity": ("axis/limit/velocity", _limit),
-        "acceleration": (f"axis/limit/{_DRAKE}acceleration", _limit),
-        "damping": ("axis/dynamics/damping", lambda text: _number(text, at_least=0.0)),
-        "rotor_inertia": (f"{_DRAKE}rotor_inertia", lambda text: _number(text, at_least=0.0)),
-        "gear_ratio": (f"{_DRAKE}gear_ratio", lambda text: _number(text, at_least=0.0)),
-    }
-    for joint in root.iter("joint"):
-        name = joint.get("name", "")
-        for key, (place, parse) in places.items():
-            found[name][key] = parse(joint.findtext(place))
-
-
-def _limit(text: str | None) -> float | None:
-    """Return a limit above 0; None where there is none."""
-    limit = _number(text, at_least=0.0)
-    return limit if limit is not None and 0.0 < limit < UNLIMITED else None
-
-
-def _number(text: str | None, *, at_least: float) -> float | None:
+def _number(text: str | None, is_limit: bool) -> float | None:
+    """Return a number of at least 0; None for another text, and for a limit that is none."""
     try:
-        number = float("nan" if text is None else text)
+        number = float(text or "nan")
     except ValueError:
         return None
-    return number if np.isfinite(number) and number >= at_least else None
+    is_used = 0.0 < number < UNLIMITED if is_limit else 0.0 <= number < np.inf
+    return number if is_used else None

@@ -163,12 +163,16 @@ def fibonacci_directions(count: int) -> FloatArray:
     return np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
 
 
+def mesh_of(visual: LinkVisual) -> trimesh.Trimesh:
+    """Return the mesh of a link's visual in its frame G [m]; for errors see `load_link_mesh`."""
+    shape = visual.shape
+    return shape if isinstance(shape, trimesh.Trimesh) else load_link_mesh(shape, visual.scale)
+
+
 def load_visual(visual: LinkVisual) -> trimesh.Trimesh | None:
     """Return the mesh of a link's visual in its frame G [m]; None if its file cannot be read."""
-    if isinstance(visual.shape, trimesh.Trimesh):
-        return visual.shape
     try:
-        return load_link_mesh(visual.shape, visual.scale)
+        return mesh_of(visual)
     except LisGraspError:
         return None
 

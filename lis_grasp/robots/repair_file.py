@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from lis_grasp.robots._urdf import parse_xml
 from lis_grasp.robots.inertias import is_possible
 from lis_grasp.robots.link_bodies import points_of_bodies
 from lis_grasp.robots.robot_model import Inertial
-from lis_grasp.typing import FloatArray
 
 _MOMENTS = {
     "ixx": (0, 0),
@@ -39,7 +38,7 @@ def write_repaired(path: Path, edits: DescriptionEdits, output: Path) -> list[st
     model = read_description(path, replace(edits, repair=True))
     repaired = model.inertials
     robot = apply_edits(parse_description(path, edits.xacro_args), edits)
-    centers = {each.name: link_inertial(each).center_L for each in robot.links}
+    given = {each.name: _given(each) for each in robot.links}
     root = parse_xml(path, edits.xacro_args)
     form = {"sdf": "sdf", "robot": "urdf"}.get(root.tag)
     if form is None:
@@ -53,9 +52,9 @@ def write_repaired(path: Path, edits: DescriptionEdits, output: Path) -> list[st
         name = link.get("name", "")
         if name not in repaired or repaired[name].mass <= 0.0:
             continue
-        before = _mass(link, form)
+        before = given[name].mass
         points = points_of_bodies(model.link_geometries, name)
-        if before > 0.0 and is_possible(_given(link, form, centers[name]), points):
+        if before > 0.0 and is_possible(given[name], points):
             continue
         _write(link, form, repaired[name])
         mass = repaired[name].mass
@@ -69,27 +68,12 @@ def write_repaired(path: Path, edits: DescriptionEdits, output: Path) -> list[st
     return changed
 
 
-def _mass(link: ET.Element, form: str) -> float:
-    mass = link.find("inertial/mass")
-    if mass is None:
-        return 0.0
-    return float(mass.get("value", "0") if form == "urdf" else mass.text or "0")
-
-
-def _given(link: ET.Element, form: str, center_L: FloatArray) -> Inertial:
-    """Return the file's own mass properties of a link, whatever their axes."""
-    inertia = link.find("inertial/inertia")
-    values = {} if inertia is None else _moments(inertia, form)
-    matrix = np.zeros((3, 3))
-    for name, (i, j) in _MOMENTS.items():
-        matrix[i, j] = matrix[j, i] = values.get(name, 0.0)
-    return Inertial(_mass(link, form), center_L, matrix)
-
-
-def _moments(inertia: ET.Element, form: str) -> Mapping[str, float]:
-    if form == "urdf":
-        return {name: float(inertia.get(name, "0")) for name in _MOMENTS}
-    return {name: float(inertia.findtext(name, "0")) for name in _MOMENTS}
+def _given(link: Any) -> Inertial:
+    """Return the file's own mass properties of a link, its axes as they are and not rounded."""
+    read = link_inertial(link)
+    own = getattr(link.inertial, "inertia", None)
+    matrix = np.zeros((3, 3)) if own is None else np.asarray(own, np.float64)
+    return Inertial(read.mass, read.center_L, matrix)
 
 
 def _write(link: ET.Element, form: str, inertial: Inertial) -> None:
@@ -100,18 +84,18 @@ def _write(link: ET.Element, form: str, inertial: Inertial) -> None:
     element = ET.Element("inertial")
     link.insert(0, element)
     center = " ".join(f"{value:.8g}" for value in inertial.center_L)
-    matrix = inertial.inertia_L
+    mass = f"{inertial.mass:.8g}"
+    moments = {name: f"{inertial.inertia_L[at]:.8g}" for name, at in _MOMENTS.items()}
     if form == "urdf":
         ET.SubElement(element, "origin", {"xyz": center, "rpy": "0 0 0"})
-        ET.SubElement(element, "mass", {"value": f"{inertial.mass:.8g}"})
-        moments = {name: f"{matrix[at]:.8g}" for name, at in _MOMENTS.items()}
+        ET.SubElement(element, "mass", {"value": mass})
         ET.SubElement(element, "inertia", moments)
         return
     ET.SubElement(element, "pose").text = f"{center} 0 0 0"
-    ET.SubElement(element, "mass").text = f"{inertial.mass:.8g}"
+    ET.SubElement(element, "mass").text = mass
     inertia = ET.SubElement(element, "inertia")
-    for name, at in _MOMENTS.items():
-        ET.SubElement(inertia, name).text = f"{matrix[at]:.8g}"
+    for name, moment in moments.items():
+        ET.SubElement(inertia, name).text = moment
 
 
 def _move(element: ET.Element, form: str, before: Path, after: Path) -> None:

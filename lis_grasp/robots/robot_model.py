@@ -133,6 +133,11 @@ class RobotModel(FrozenArrays):
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         return reduce_record(self)
 
+    @property
+    def joined_links(self) -> frozenset[tuple[str, str]]:
+        """The pairs of links that a joint joins, each sorted."""
+        return frozenset((min(j.parent, j.child), max(j.parent, j.child)) for j in self.joints)
+
 
 def by_joint_kind(model: RobotModel, *, revolute: float, prismatic: float) -> FloatArray:
     """Return one of two values for each actuated joint, shape (J,)."""
@@ -141,18 +146,18 @@ def by_joint_kind(model: RobotModel, *, revolute: float, prismatic: float) -> Fl
     return np.array([values[kinds[i]] for i in range(len(model.joint_names))])
 
 
+def rigid_groups(model: RobotModel) -> dict[str, str]:
+    """Return by link the first link of those that are fixed to each other with it."""
+    groups = {model.links[0]: model.links[0]}
+    for joint in model.joints:  # parents come before their children
+        groups[joint.child] = groups[joint.parent] if joint.kind == "fixed" else joint.child
+    return groups
+
+
 def links_fixed_to(model: RobotModel, link: str) -> frozenset[str]:
     """Return a link, and all links that no movable joint separates from it."""
-    root = link
-    for joint in reversed(joints_to(model.joints, link)):
-        if joint.kind != "fixed":
-            break
-        root = joint.parent
-    group = {root}
-    for joint in model.joints:  # parents come before their children
-        if joint.kind == "fixed" and joint.parent in group:
-            group.add(joint.child)
-    return frozenset(group)
+    groups = rigid_groups(model)
+    return frozenset(other for other in model.links if groups[other] == groups[link])
 
 
 def joints_before(model: RobotModel) -> Mapping[str, int]:

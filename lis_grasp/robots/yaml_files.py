@@ -186,7 +186,6 @@ def _hand_fields(checks: _Checks) -> dict[str, Any]:
     pregrasps = {
         name: checks.posture(f"pregrasps.{name}", q) for name, q in entry.pregrasps.items()
     }
-    joined = {(min(j.parent, j.child), max(j.parent, j.child)) for j in model.joints}
     return {
         **fields_of(model),
         "name": entry.name,
@@ -196,7 +195,7 @@ def _hand_fields(checks: _Checks) -> dict[str, Any]:
         "approach_H": _unit(entry.approach),
         "pregrasps": MappingProxyType(pregrasps),
         "probe_postures": MappingProxyType(_probe_postures(checks)),
-        "self_collision_exclusions": checks.exclusions() | joined,
+        "self_collision_exclusions": checks.exclusions() | model.joined_links,
         "max_contact_force": entry.max_contact_force,
         "X_FB": None if entry.mount is None else _pose(entry.mount),
         "families": _families(checks),

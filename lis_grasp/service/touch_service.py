@@ -149,7 +149,7 @@ class TouchService:
             self._require_near(outcome)
             self.log.append(Observation(outcome))
             self._state, self._touch = advance(self._perception, self._state, outcome), None
-        contacts = self._state.known
+        contacts, touched = self._state.known, self._state.touched
         try:
             if self._touch is None:
                 agent = self.agent.placed(self.place.space(contacts))
@@ -157,9 +157,9 @@ class TouchService:
         except LisGraspError as error:
             if not reports:
                 raise
-            return {"ok": False, "error": str(error), "recorded": True, "contacts": len(contacts)}
-        facts = {**self._touch.facts(self.agent.hand), "contacts": len(contacts)}
-        return facts | _warning(self.place.doubt(contacts), doubt_of_side(contacts))
+            return {"ok": False, "error": str(error), "recorded": True, "contacts": len(touched)}
+        facts = {**self._touch.facts(self.agent.hand), "contacts": len(touched)}
+        return facts | _warning(self.place.doubt(contacts), doubt_of_side(touched))
 
     def _outcome(self, request: NextRequest) -> ProbeOutcome:
         points = np.array(request.points, dtype=np.float64).reshape(-1, 3)
@@ -210,7 +210,7 @@ class TouchService:
                 raise InvalidInputError(f"points must be in metres, {where}")
 
     def _estimate(self) -> dict[str, Any]:
-        contacts, path = self._state.known, self.folder / "contacts.ply"
+        contacts, path = self._state.touched, self.folder / "contacts.ply"
         if not len(contacts):
             raise InvalidInputError("there is no contact yet: ask for the next touch")
         facts = {name: value for name, value in self.log.facts.items() if name != "cloud"}

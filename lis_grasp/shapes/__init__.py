@@ -33,8 +33,8 @@ from lis_grasp.shapes.placement import (
     draw_pose,
     placed,
     placed_as_recorded,
-    roll_to_rest,
 )
+from lis_grasp.shapes.resting import RestingPose, resting_poses, roll_to_rest
 from lis_grasp.shapes.shape import SHARP_ANGLE, Shape, sharp_edges
 
 __all__ = [
@@ -47,6 +47,7 @@ __all__ = [
     "STABLE",
     "UNITS",
     "UPRIGHT",
+    "RestingPose",
     "Shape",
     "box",
     "build",
@@ -61,6 +62,7 @@ __all__ = [
     "pentagon",
     "placed",
     "placed_as_recorded",
+    "resting_poses",
     "roll_to_rest",
     "sharp_edges",
     "sphere",

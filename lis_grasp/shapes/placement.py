@@ -13,8 +13,9 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
-from lis_grasp.geometry import apply_pose, make_pose, require_pose, unit
+from lis_grasp.geometry import apply_pose, make_pose, require_pose
 from lis_grasp.io.limits import MEBIBYTE, ReadError, reading
+from lis_grasp.shapes.resting import roll_to_rest
 from lis_grasp.shapes.shape import Shape
 from lis_grasp.typing import FloatArray, Seed
 
@@ -23,8 +24,6 @@ UPRIGHT, STABLE = "upright", "stable"
 
 # Yaws drawn until the object fits into the region.
 _YAWS = 100
-# Faces whose directions agree within this cosine are one.
-_SAME_FACE = 1.0 - 1e-9
 # Largest error of a rotation read from a file.
 _ROTATION_ERROR = 1e-3
 
@@ -81,30 +80,6 @@ def placed(shape: Shape, X_WO: npt.ArrayLike) -> Shape:
     mesh = trimesh.Trimesh(apply_pose(pose, shape.mesh.vertices), shape.mesh.faces, process=False)
     edges = apply_pose(pose, shape.edges.reshape(-1, 3)).reshape(-1, 2, 3)
     return replace(shape, mesh=mesh, edges=edges)
-
-
-def roll_to_rest(mesh: trimesh.Trimesh, *, rng: Seed = 0) -> FloatArray:
-    """Return a rotation (3, 3) in which a body of uniform density rests on a plane below it.
-
-    A random orientation lands on the face of the convex hull that its centre of mass is above. The
-    body rolls on over this face, until the centre of mass is above the face that it rests on. Each
-    face is nearer to the centre of mass than the one before, so this ends. (Quasi-static stable
-    poses: Goldberg et al. 1999.)
-    """
-    hull = mesh.convex_hull
-    normals = np.asarray(hull.face_normals)
-    heights = np.einsum("fk,fk->f", normals, hull.triangles[:, 0] - mesh.center_mass)
-    down = unit(np.random.default_rng(rng).normal(size=3))
-    while True:
-        along = normals @ down
-        ahead = np.where(along > 0.0, along, 1.0)
-        face = np.argmin(np.where(along > 0.0, heights / ahead, np.inf))
-        if normals[face] @ down > _SAME_FACE:
-            break
-        down = normals[face]
-    # The last row of the rotation is the direction that becomes +z.
-    turn = trimesh.geometry.align_vectors(down, [0.0, 0.0, -1.0])
-    return np.asarray(turn[:3, :3])
 
 
 def _bounds(shape: Shape, X_WO: FloatArray) -> FloatArray:

@@ -21,11 +21,13 @@ from lis_grasp.stages.contact_sources import load_cloud
 from lis_grasp.stages.estimate import Perception
 from lis_grasp.stages.load import KnownLoad
 from lis_grasp.stages.surroundings import believed, find_surroundings
+from lis_grasp.stages.views_prior import ViewsPrior
 from lis_grasp.task.decide import Decide
 from lis_grasp.task.known import Known
 from lis_grasp.task.robot import Robot
 from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
+from lis_grasp.views import DepthView, Views
 from lis_grasp.world import ALONE, KnownBodies, Surroundings
 
 
@@ -54,6 +56,7 @@ class Agent:
     on_table: bool  #: whether that plane is a table; else the object is held in the air
     may_slide: bool = False  #: whether fingertips may slide along the object
     load: KnownLoad  #: mass and friction of the object
+    views: Views | None = None  #: of the object, before its first touch; None without a camera
     surroundings: Surroundings = ALONE  #: known bodies beside the object
     X_WE: FloatArray = field(default_factory=lambda: np.eye(4))  #: (4, 4), in the table's frame W
 
@@ -63,12 +66,13 @@ class Agent:
         task: Task,
         support_height: float,
         *,
-        space: Workspace | Region | None = None,
         hand: Hand | None = None,
         poses: Mapping[str, Any] = MappingProxyType({}),
+        surroundings: Surroundings | None = None,
     ) -> Agent:
-        """Return the agent of a task whose object is on a plane at a height [m], in a space.
+        """Return the agent of a task whose object is on a plane at a height [m].
 
+        `surroundings` are those in the frame W, if they were read before.
         `hand` is None for the task's. Recorded `poses` (4, 4) are ``X_EA`` of the arm's base, else
         the task's, and ``X_WE`` of the frame of the contacts, else the identity.
 
@@ -79,8 +83,9 @@ class Agent:
         hand = Hand.load(robot.hand) if hand is None else hand
         X_WE = poses.get("X_WE")
         X_WE = np.eye(4) if X_WE is None else require_pose("X_WE", X_WE)
-        true = find_surroundings(task, support_height).in_frame(X_WE)
-        surroundings = believed(true, robot.body_error, task.seed)
+        if surroundings is None:
+            surroundings = find_surroundings(task, support_height)
+        surroundings = believed(surroundings.in_frame(X_WE), robot.body_error, task.seed)
         return Agent(
             robot=robot,
             known=known,
@@ -96,7 +101,7 @@ class Agent:
             load=KnownLoad.of(task),
             surroundings=surroundings,
             X_WE=X_WE,
-        ).placed(space)
+        )
 
     def placed(self, space: Workspace | Region | None) -> Agent:
         """Return the same, knowing that the object is in a space."""
@@ -124,7 +129,17 @@ class Agent:
     def perception(self) -> Perception:
         """The settings of its estimates."""
         height = self.support_height if self.on_table else None
-        return Perception.of(self.robot, self.decide, height)
+        settings = Perception.of(self.robot, self.decide, height, self.known_bodies)
+        return settings if self.views is None else replace(settings, prior=ViewsPrior(self.views))
+
+    @property
+    def seen_by(self) -> tuple[DepthView, ...]:
+        """The views of the object, with the poses as given; none after it was lost."""
+        return () if self.views is None else self.views.views
+
+    def measured(self, contacts: Contacts) -> Contacts:
+        """Return what was seen of the object, and its contacts."""
+        return self.perception.prior.given(contacts).seen.append(contacts)
 
     @cached_property
     def cloud_contacts(self) -> Contacts:
@@ -136,9 +151,10 @@ class Agent:
         return replace(self, decide=replace(self.decide, **decisions))
 
     def unseen_ends(self, contacts: Contacts) -> tuple[End, ...]:
-        """Return the ends, of an object in a region, that no contact shows."""
-        space = self.space
-        return unseen_ends(space.fitted_to(contacts), contacts) if isinstance(space, Region) else ()
+        """Return the ends, of an object in a region, that neither contact nor view shows."""
+        given, space = self.perception.prior.given(contacts), self.space
+        known = given.seen.append(given.guesses).append(contacts)
+        return unseen_ends(space.fitted_to(known), known) if isinstance(space, Region) else ()
 
     def knowing(self, surroundings: Surroundings) -> Agent:
         """Return the same with bodies beside the object at other believed places."""

@@ -1,6 +1,7 @@
 """Estimate stage: the surface of an object from contacts, composed once for every caller.
 
-    contacts -> judged -> standing on the table -> estimator -> less free space -> above the table
+    contacts -> judged -> and guesses -> estimator -> less free space -> above the table
+        -> outside of other bodies
 
 `SurfaceEstimate` has each of these parts, made at its first use.
 """
@@ -13,16 +14,30 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
+import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import TooManyBadContactsError, nearest_or_all, note
+from lis_grasp.exceptions import (
+    InvalidOptionError,
+    TooManyBadContactsError,
+    nearest_or_all,
+    note,
+)
 from lis_grasp.exploration import TactileSensor
+from lis_grasp.exploration.prior import NOTHING, Prior, PriorKnowledge
 from lis_grasp.io.units import LARGEST
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.records import Record
+from lis_grasp.stages.views_prior import ViewsPrior
 from lis_grasp.surfaces import ContactVerdicts, Estimator, ImplicitSurface, judge_contacts
-from lis_grasp.surfaces.carved_implicit_surface import above_table, carved, standing_on
+from lis_grasp.surfaces.carved_implicit_surface import (
+    above_table,
+    carved,
+    outside_bodies,
+    walls_down_to,
+    without,
+)
 from lis_grasp.surfaces.contact_checks import (
     NormalSide,
     doubt_of_side,
@@ -37,8 +52,17 @@ from lis_grasp.surfaces.estimators import (
     require_noise_below_size,
     require_signs,
 )
+from lis_grasp.surfaces.measured_extents import measured_extents
 from lis_grasp.task.decide import Decide
 from lis_grasp.task.robot import Robot
+from lis_grasp.typing import FloatArray
+from lis_grasp.views import Views
+from lis_grasp.world import KnownBodies
+
+# The unseen side of a seen object is within this fraction of the size of what is known.
+_UNSEEN = 0.25
+# Below a table, so that its mesh is closed there and not by the bounds [m].
+_BELOW = 0.002
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)  # no slots: for cached_property
@@ -59,9 +83,17 @@ class Perception:
     margin: float | None = None  #: by which free space shrinks [m]; None for the sensor's
     options: Mapping[str, Any] = field(default_factory=dict)  #: further keywords of the estimator
     normals: NormalSide | None = None  #: side to which normals point; None requires outward ones
+    prior: Prior = NOTHING  #: known beside the contacts, such as views
+    bodies: KnownBodies | None = None  #: beside the object, in the frame of the contacts
 
     @classmethod
-    def of(cls, robot: Robot, decide: Decide, support_height: float | None) -> Perception:
+    def of(
+        cls,
+        robot: Robot,
+        decide: Decide,
+        support_height: float | None,
+        bodies: KnownBodies | None = None,
+    ) -> Perception:
         """Return a robot's settings for an object on a table at a height [m], or without a table.
 
         Its contacts are simulated, or were checked when they were read: normals are outward.
@@ -73,6 +105,7 @@ class Perception:
             keep_all=decide.keep_all,
             support_height=support_height,
             normals="outward",
+            bodies=bodies,
         )
 
     @cached_property
@@ -89,20 +122,24 @@ class Perception:
         noise |= {kind: value for kind, value in known.items() if value}
         return partial(find_estimator(self.estimator), **noise)
 
-    def judge(self, contacts: Contacts) -> ContactVerdicts:
-        """Return the verdicts on contacts, given the sensor's noise; `keep_all` makes all sound."""
-        noise = {
+    @property
+    def noise(self) -> dict[str, float | None]:
+        """Noise of contacts that do not carry their own, by the names of options; None: unknown."""
+        return {
             name: self.options.get(name, getattr(self.sensor, name)) or None
             for name in ("position_noise", "normal_noise")
         }
+
+    def judge(self, contacts: Contacts) -> ContactVerdicts:
+        """Return the verdicts on contacts, given the sensor's noise; `keep_all` makes all sound."""
         return judge_contacts(
-            replace(contacts, judged=True) if self.keep_all else contacts, **noise
+            replace(contacts, judged=True) if self.keep_all else contacts, **self.noise
         )
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class SurfaceEstimate(Record):
-    """The estimate of at least one contact; each part is made at its first use.
+    """The estimate of at least one contact, or of a view; each part is made at its first use.
 
     Errors of a part are `EstimationError` and `InvalidContactsError`: no surface can be estimated
     from the contacts.
@@ -114,7 +151,7 @@ class SurfaceEstimate(Record):
     True
     """
 
-    contacts: Contacts  #: in O, as measured
+    contacts: Contacts  #: in O, as touched
     perception: Perception = field(default_factory=Perception)
 
     @cached_property
@@ -124,20 +161,35 @@ class SurfaceEstimate(Record):
 
     @cached_property
     def verdicts(self) -> ContactVerdicts:
-        """The verdict on each contact."""
+        """The verdict on each contact, by touch alone: what was seen is no evidence against it."""
         return self.perception.judge(self.outward)
 
     @cached_property
     def credible(self) -> Contacts:
-        """The contacts to estimate from, without the points that the table adds."""
-        return self.verdicts.credible
+        """The contacts to estimate from, without those that were seen or guessed."""
+        return self.verdicts.credible if len(self.contacts) else self.contacts
+
+    @cached_property
+    def given(self) -> PriorKnowledge:
+        """What is known beside the contacts."""
+        return self.perception.prior.given(self.contacts)
+
+    @property
+    def measured(self) -> Contacts:
+        """What was seen, then the contacts."""
+        return self.given.seen.append(self.contacts)
+
+    @cached_property
+    def guesses(self) -> Contacts:
+        """Contacts that the table and the views imply; never measured ones."""
+        height = self.perception.support_height
+        walls = Contacts.empty() if height is None else walls_down_to(height, self.credible)
+        return walls.append(self.given.guesses)
 
     @cached_property
     def solid(self) -> ImplicitSurface:
         """The surface before free space and what is below the table are removed."""
-        height = self.perception.support_height
-        contacts = self.credible if height is None else standing_on(self.credible, height)
-        return self.perception.make(contacts)
+        return self._made(self.credible, self.guesses)
 
     @cached_property
     def guide(self) -> ImplicitSurface:
@@ -149,7 +201,14 @@ class SurfaceEstimate(Record):
             contacts = self.credible
         except TooManyBadContactsError:
             contacts = replace(self.outward, judged=True)
-        return self.perception.make(contacts)
+        return self._made(contacts, self.given.guesses)
+
+    def _made(self, contacts: Contacts, guesses: Contacts) -> ImplicitSurface:
+        """Return the surface of contacts with their verdict, what was seen, and guesses."""
+        more = guesses.append(self.given.seen)
+        if len(self.given.seen):
+            more, contacts = (replace(each, judged=True) for each in (more, contacts))
+        return self.perception.make(contacts.append(more))
 
     @cached_property
     def surface(self) -> ImplicitSurface:
@@ -157,13 +216,29 @@ class SurfaceEstimate(Record):
         known, surface = self.perception, self.solid
         if known.free_space:
             margin = known.sensor.free_margin if known.margin is None else known.margin
-            surface = carved(surface, self.credible, margin=margin)
-        return above_table(surface, known.support_height)
+            if len(self.credible):
+                surface = carved(surface, self.credible, margin=margin)
+            measured = self.credible.append(self.given.seen)
+            ends = measured_extents(self.solid, measured, **known.noise)
+            surface = without(surface, *self.given.free, *ends)
+        surface, bodies = above_table(surface, known.support_height), known.bodies
+        return surface if bodies is None else outside_bodies(surface, bodies.distances, bodies.band)
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
         """The closed mesh of the surface, with the uncertainty of each vertex [m]."""
-        return extract_mesh(self.surface, touched=self.contacts.points)
+        return extract_mesh(self.surface, touched=self.measured.points, bounds=self.bounds)
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Box that contains the object, shape (2, 3) [m]: of a seen one, with its unseen side."""
+        box, height = self.surface.bounds, self.perception.support_height
+        if len(self.given.seen):
+            size = float(np.ptp(box, axis=0).max())
+            box = box + _UNSEEN * size * np.array([[-1.0], [1.0]])
+            if height is not None:
+                box[0, 2] = max(box[0, 2], height - _BELOW)
+        return box
 
 
 def estimate(
@@ -195,9 +270,11 @@ def estimate(
     keep_all
         Whether to believe all contacts, including contradicted ones.
     options
-        ``margin``, by which balls of free space shrink [m]; ``normals``, the side to which they
-        point, as in `load_contacts`: without it they must be outward; and the keywords of the
-        estimator's `from_contacts`, such as ``position_noise`` [m] and ``normal_noise`` [rad].
+        ``views``, depth views of the object on the table, each a `DepthView` with a mask: then
+        there may be no contact; ``margin``, by which balls of free space shrink [m]; ``normals``,
+        the side to which they point, as in `load_contacts`: without it they must be outward; and
+        the keywords of the estimator's `from_contacts`, such as ``position_noise`` [m] and
+        ``normal_noise`` [rad].
 
     Raises
     ------
@@ -219,11 +296,15 @@ def estimate(
             f"write Contacts(points, normals) or load_contacts(path), not {type(contacts).__name__}"
         )
     height, margin = options.pop("table", support_height), options.pop("margin", 0.0)
-    normals = options.pop("normals", None)
+    normals, views = options.pop("normals", None), tuple(options.pop("views", ()))
+    if views and height is None:
+        message = "views are of an object on a table: give its height by `support_height`"
+        raise InvalidOptionError(message, option="support_height")
     make = find_estimator(estimator) if isinstance(estimator, str) else estimator
     _require_accepted(make, str(estimator), options)
     require_noise_below_size(contacts, options.get("position_noise"))
-    note_doubts(contacts, height)
+    if not views:
+        note_doubts(contacts, height)
     if normals is None and (doubt := doubt_of_side(contacts)):
         note(doubt)
     known = Perception(
@@ -234,6 +315,7 @@ def estimate(
         margin=margin,
         options=options,
         normals=normals,
+        prior=ViewsPrior(Views(views, height)) if views and height is not None else NOTHING,
     )
     made = SurfaceEstimate(contacts, known)
     if not isinstance(estimator, str) and make not in ESTIMATORS.values():

@@ -12,10 +12,12 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
+from lis_grasp.lifting.place_plan import PlaceOutcome
 from lis_grasp.lifting.planned_lifts import choose_lift
 from lis_grasp.lifting.setup import LiftSetup, plan_arm_lift
 from lis_grasp.shapes import Shape
 from lis_grasp.stages.agent import Agent
+from lis_grasp.stages.place import plan_place
 from lis_grasp.stages.plan import highest_lift
 from lis_grasp.stages.scenario import Scenario, lowest_point
 from lis_grasp.stages.worker_pool import worker_pool
@@ -54,7 +56,7 @@ def lift_object(
     estimate: trimesh.Trimesh | None = None,
     options: LiftOptions | None = None,
 ) -> LiftOutcome:
-    """Simulate the lift of the true object in the simulator of its world.
+    """Simulate the lift of the true object in the simulator of its world, and place it if asked.
 
     Parameters
     ----------
@@ -65,8 +67,8 @@ def lift_object(
     accept_grasp
         Tactile check before the fingers squeeze, as in `simulate_lift`; None for none.
     estimate
-        The object as known, which an arm avoids, and which is kept off bodies beside it; None if
-        nothing is known.
+        The object as known, which an arm avoids, which is kept off bodies beside it, and which is
+        placed (`plan_place`); None if nothing is known.
     options
         Options of the trial; None for those of `lift_options`, with a height that fits between the
         bodies beside the object.
@@ -81,6 +83,8 @@ def lift_object(
     truth, agent = scenario.truth, scenario.agent
     if options is None:
         options = fitting_lift(agent, grasp, estimate, lift_options(agent) or LiftOptions())
+    is_placed = agent.decide.place is not None and estimate is not None
+    place = plan_place(agent, grasp, estimate, options) if is_placed else None
     setup = LiftSetup(
         truth.shape.mesh,
         agent.hand,
@@ -91,7 +95,23 @@ def lift_object(
         options,
         truth.X_EO,
         surroundings=truth.surroundings,
+        place=place,
     )
+    outcome = _simulated(scenario, setup, estimate, accept_grasp)
+    if is_placed and outcome.place is None:
+        why = PlaceOutcome("no_place" if outcome.held else "not_held", place)
+        outcome = replace(outcome, place=why)
+    return outcome
+
+
+def _simulated(
+    scenario: Scenario,
+    setup: LiftSetup,
+    estimate: trimesh.Trimesh | None,
+    accept_grasp: AcceptGrasp | None,
+) -> LiftOutcome:
+    """Simulate a lift in the simulator of the world, by the arm if there is one."""
+    agent = scenario.agent
     if agent.station is None and scenario.task.world.simulator == "mujoco":
         from lis_grasp.simulation.mujoco.lift import simulate_in_mujoco
 
@@ -100,9 +120,9 @@ def lift_object(
 
     if agent.station is not None:
         step = setup.options.time_step
-        arm = plan_arm_lift(agent.station, grasp, estimate, time_step=step)
+        arm = plan_arm_lift(agent.station, setup.grasp, estimate, time_step=step)
         if isinstance(arm, str):
-            return LiftOutcome.not_begun(arm, truth.X_EO)
+            return LiftOutcome.not_begun(arm, setup.X_WO)
         setup = replace(setup, arm=arm)
     return simulate_lift(setup, accept_grasp)
 

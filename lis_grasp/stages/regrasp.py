@@ -17,6 +17,7 @@ from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome
 from lis_grasp.stages.estimate import SurfaceEstimate
 from lis_grasp.stages.lift import lift_object
 from lis_grasp.stages.load import KnownLoad
+from lis_grasp.stages.place import with_place
 from lis_grasp.stages.plan import plan_grasps
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.stages.tactile_check import tactile_check
@@ -102,6 +103,7 @@ def grasp_with_tactile_check(
     of contacts and grasps moves with the object, as believed. `stages` are repeated; None for
     `Stages`, which keep their results in memory.
     """
+    scenario = with_place(scenario)
     stages, agent = stages or Stages(), scenario.agent
     failed: list[FloatArray] = []
     if _with_ends(scenario, contacts).agent.load.prior.toward:

@@ -18,9 +18,10 @@ from lis_grasp.geometry import require_pose
 from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.records import reduce_record
 from lis_grasp.robots.hand import Hand
-from lis_grasp.shapes import NAMES, STABLE, UPRIGHT, Shape, default_mass, draw_pose, find, placed
+from lis_grasp.shapes import NAMES, Shape, default_mass, draw_pose, find, placed
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.configured_arm import station_facts
+from lis_grasp.stages.looking import views_of
 from lis_grasp.stages.random_streams import Stream
 from lis_grasp.stages.surroundings import believed, find_surroundings, require_apart
 from lis_grasp.task.task import Task
@@ -115,17 +116,17 @@ class Scenario:
             X_WO = _pose("X_WO", poses.get("X_WO"))
             shape = shape if poses.get("X_WO") is None else placed(shape, X_WO)
         support_height = 0.0 if world.pose is not None else lowest_point(shape)
+        surroundings = find_surroundings(task, support_height)
         agent = Agent.of(
             task,
             support_height,
-            space=_prior_space(shape, task),
             hand=hand,
             poses=poses,
-        )
-        surroundings = agent.surroundings
-        if task.robot.body_error:
-            surroundings = find_surroundings(task, support_height)
-            surroundings = surroundings.in_frame(_pose("X_WE", poses.get("X_WE")))
+            surroundings=surroundings,
+        ).placed(_prior_space(shape, task))
+        if recorded is None:
+            agent = replace(agent, views=views_of(task, shape, support_height))
+        surroundings = surroundings.in_frame(agent.X_WE)
         if recorded is None:
             require_apart(surroundings, shape)
         mass = default_mass(shape.mesh, world.object) if world.mass is None else world.mass
@@ -150,6 +151,8 @@ class Scenario:
         if known is not None and touches:
             corrected = known.corrected(touches).surroundings
             after = replace(after, agent=after.agent.knowing(corrected))
+        if sum(o.is_lost - o.is_joined for o in exploration.observations) > 0:
+            after = replace(after, agent=replace(after.agent, views=None))  # of another map
         after = after if belief is None else after.in_frame(belief.X_WE)
         return after if X_EO is None else after.moved(X_EO)
 
@@ -204,6 +207,7 @@ class Scenario:
             "X_WO": None if self.task.world.pose is None else self.truth.X_WO.tolist(),
             **({"X_EO": self.truth.X_EO.tolist()} if moved else {}),
             **({"X_WE": self.agent.X_WE.tolist()} if len(self.agent.surroundings) else {}),
+            **({"seen": len(self.agent.seen_by)} if self.task.sees else {}),
             **station_facts(self.agent.station),
         }
 
@@ -239,17 +243,11 @@ def place_object(shape: Shape, task: Task) -> tuple[Shape, FloatArray]:
     """Return an object at its pose in a task, and this pose X_WO (4, 4) on the table z = 0.
 
     Without a pose, it stays in its own frame. Raises `InvalidOptionError` if it does not fit into
-    its region, or has a cloud that cannot show its place.
+    its region.
     """
     pose = task.world.pose
     if pose is None:
         return shape, np.eye(4)
-    if task.known.cloud is not None and pose in (UPRIGHT, STABLE):
-        raise InvalidOptionError(
-            "a `cloud` needs a known place of the object, and this is drawn at random: give its"
-            " `pose` in a file, with the cloud in the frame of the table, or no pose and no region",
-            option="cloud",
-        )
     rng = Stream.PLACE.rng(task.seed)
     X_WO = draw_pose(shape, pose, task.known.region or DEFAULT_REGION, rng=rng)
     return placed(shape, X_WO), X_WO

@@ -32,6 +32,7 @@ from lis_grasp.exploration import (
 )
 from lis_grasp.exploration.disturbance import Disturbance, DisturbingProber
 from lis_grasp.exploration.policy import POLICY_NAMES, PolicyKind, find_policy
+from lis_grasp.exploration.prior import NOTHING, PriorKnowledge, with_touched
 from lis_grasp.exploration.stopping import (
     StopRule,
     stop_after,
@@ -45,7 +46,13 @@ from lis_grasp.stages.estimate import Perception, SurfaceEstimate
 from lis_grasp.stages.plan import closure_probability
 from lis_grasp.stages.random_streams import Stream
 from lis_grasp.stages.scenario import Scenario
+from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.surfaces.estimators import FEW_CONTACTS
 from lis_grasp.typing import FloatArray, IndexArray
+
+# After a view there are many contacts from the start: others take eight times as long, and touches
+# that they guide are no better.
+_GUIDE_AFTER_A_VIEW = "gpis"
 
 
 def touch(
@@ -91,22 +98,27 @@ def touch_steps(
     return explore_steps(prober, perception, strategy, rng=exploration_rng(agent), start=start)
 
 
-def make_perception(settings: Perception, prior: Contacts | None = None) -> TactilePerception:
+def make_perception(settings: Perception, touched: Contacts | None = None) -> TactilePerception:
     """Return how contacts become knowledge, without a tracker.
 
-    `prior` contacts are known before the first touch.
+    `touched` contacts are known before the first touch, beside the prior of the settings.
     """
+    prior = settings.prior if touched is None else with_touched(settings.prior, touched)
     settings = replace(settings, support_height=None)  # the hand avoids the table by itself
 
     @lru_cache(maxsize=1)  # contacts are judged once: for strays, then for the estimate
-    def estimate(contacts: Contacts) -> SurfaceEstimate:
-        return SurfaceEstimate(contacts, settings)
+    def estimate(contacts: Contacts, prior: PriorKnowledge) -> SurfaceEstimate:
+        guiding = _GUIDE_AFTER_A_VIEW if len(prior.seen) else settings.estimator
+        return SurfaceEstimate(contacts, replace(settings, prior=prior, estimator=guiding))
+
+    def guide(contacts: Contacts, prior: PriorKnowledge = NOTHING) -> ImplicitSurface:
+        return estimate(contacts, prior).guide
 
     def find_strays(contacts: Contacts) -> IndexArray:
-        return estimate(contacts).verdicts.rows("stray")
+        return estimate(contacts, NOTHING).verdicts.rows("stray")
 
     return TactilePerception(
-        lambda contacts: estimate(contacts).guide,
+        guide,
         prior=prior,
         sensor=settings.sensor,
         find_strays=None if settings.keep_all else find_strays,
@@ -139,7 +151,8 @@ def stop_rules(agent: Agent) -> list[StopRule]:
     if decide.max_seconds is not None:
         rules.append(stop_after(decide.max_seconds))
     if decide.until_success is not None:
-        rules.append(stop_when_graspable(decide.until_success, partial(closure_probability, agent)))
+        predict, least = partial(closure_probability, agent), FEW_CONTACTS if not agent.views else 0
+        rules.append(stop_when_graspable(decide.until_success, predict, least=least))
     return rules
 
 

@@ -17,6 +17,7 @@ from lis_grasp.exploration import (
 )
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.pose_tracking import doubted
+from lis_grasp.exploration.prior import estimated_from
 from lis_grasp.exploration.probe_motions import surface_probe
 from lis_grasp.exploration.strategy import PROBES_PER_TOUCH
 from lis_grasp.stages.scenario import Scenario
@@ -70,10 +71,10 @@ def touch_more(
     tracker = PoseTracker(agent.robot.sensor.position_noise)
     perception = make_perception(agent.perception, rest)
     perception = replace(perception, tracker=tracker, beside=agent.known_bodies)
-    surface, space = (
-        perception.estimate(contacts),
-        agent.known_space.grown(contacts).fitted_to(contacts),
-    )
+    given = agent.perception.prior.given(contacts)
+    known = given.seen.append(contacts)
+    surface = estimated_from(perception.estimate, known, given)
+    space = agent.known_space.grown(known).fitted_to(known)
     landmarks = []
     for one in map(contacts.subset, again[:, None]):
         probe = surface_probe(one.points[0], one.normals[0], space, contacts, surface, ())
@@ -99,7 +100,7 @@ def touch_more(
             break
     X_EF = np.eye(4) if state.belief is None else state.belief.X_WE
     scenario = scenario.after(state.result, true_pose(prober), disturbance_by(prober))
-    found = state.known
+    found = state.touched
     touched = len(found) - (0 if lost else len(contacts))
     distance = float(np.linalg.norm(X_EF[:3, 3]))
     return scenario, found, Lesson(0, touched, probes, distance, lost)

@@ -1,7 +1,8 @@
 """Surfaces estimated from contacts: one protocol, one file per estimator."""
 
+from lis_grasp._moved import module_names
 from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
-from lis_grasp.surfaces.carved_implicit_surface import CarvedImplicitSurface, carved
+from lis_grasp.surfaces.carved_implicit_surface import FreeSpace, Remainder, carved
 from lis_grasp.surfaces.contact_loading import load_contacts
 from lis_grasp.surfaces.contact_verdicts import ContactVerdicts, judge_contacts, orient_normals
 from lis_grasp.surfaces.estimators import ESTIMATORS, Estimator
@@ -15,14 +16,15 @@ from lis_grasp.surfaces.smooth_implicit_surface import SmoothImplicitSurface
 __all__ = [
     "ESTIMATORS",
     "BlendedImplicitSurface",
-    "CarvedImplicitSurface",
     "ContactVerdicts",
     "DeferredSurface",
     "Estimator",
+    "FreeSpace",
     "GaussianProcessImplicitSurface",
     "ImplicitSurface",
     "LocalImplicitSurface",
     "PatchImplicitSurface",
+    "Remainder",
     "SmoothImplicitSurface",
     "carved",
     "estimate_normals",
@@ -30,4 +32,4 @@ __all__ = [
     "load_contacts",
     "orient_normals",
 ]
-__dir__ = sorted(__all__).copy  # dir() lists the public names
+__getattr__, __dir__ = module_names(__name__, __all__)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -26,17 +28,132 @@ _PLACES = np.vstack([np.zeros((1, 3)), AXES, _CORNERS])  # (15, 3)
 # Walls that go on down to a table: contacts this near to it [m], normals with such parts upward.
 _NEAR_TABLE, _LARGEST_SLOPE = 0.0135, 0.2
 
+# Step of differences, for the gradient of the distance from a body [m].
+_DIFFERENCE = 1e-6
+
 # An estimate is about a distance: a ball whose centre has a value of this many radii is free.
 _FAR = 1.5
 
-_Depths = tuple[IndexArray, FloatArray, FloatArray]  # points, (A,), depths (A,), slopes (A, 3)
+
+class FreeSpace(Protocol):
+    """Space without any part of the object: crossed by a hand, seen by a camera, or below a table.
+
+    Classes that inherit from it have its values of `deepest` and `closes`.
+
+    Examples
+    --------
+    >>> depths, slopes = Balls(np.zeros((1, 3)), np.array([0.02])).depths(np.array([[0, 0, 0.01]]))
+    >>> float(depths[0]), slopes[0].tolist()
+    (0.01, [-0.0, -0.0, -1.0])
+    """
+
+    __slots__ = ()
+
+    @property
+    def deepest(self) -> float:
+        """Largest depth [m]; a point with a larger value of the estimate is not asked for."""
+        return np.inf
+
+    @property
+    def closes(self) -> bool:
+        """Whether the object ends at its border, as at a table."""
+        return False
+
+    def depths(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return how deep points (P, 3) [m] are inside, (P,) [m], and its gradients, (P, 3).
+
+        Outside it is negative, -inf where nothing is known.
+        """
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Remainder(Predicting, Record):
-    """Base of estimates less space that is free: f = max(g, depth in the free space)."""
+class Balls(FreeSpace, Record):
+    """Balls of free space: depth max_i (r_i - |x - c_i|)."""
+
+    centers: FloatArray  #: (K, 3) [m], in O; K at least 1
+    radii: FloatArray  #: (K,) [m]
+
+    __repr__ = short_repr
+
+    @property
+    def deepest(self) -> float:
+        """Largest radius [m]."""
+        return float(self.radii.max())
+
+    def depths(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return depths (P,) [m] and their gradients (P, 3); see `FreeSpace`."""
+
+        def deepest(chosen: FloatArray) -> FloatArray:
+            depths = self.radii - cdist(chosen, self.centers)  # (P, K)
+            ball = np.argmax(depths, axis=1)
+            slopes = unit(self.centers[ball] - chosen, least=float(np.finfo(np.float64).tiny))
+            return np.column_stack([depths[np.arange(len(chosen)), ball], slopes])
+
+        found = map_rows(deepest, points, len(self.radii))
+        return found[:, 0], found[:, 1:]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BelowTable(FreeSpace, Record):
+    """The half-space below a table.
+
+    The hand cannot touch an underside: there an estimate is extrapolated, and the table closes it.
+    """
+
+    support_height: float  #: of the table [m]
+
+    __repr__ = short_repr
+
+    @property
+    def closes(self) -> bool:
+        """True: an object stands on the table."""
+        return True
+
+    def depths(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return depths (P,) [m] and their gradients (P, 3); see `FreeSpace`."""
+        down = np.broadcast_to([0.0, 0.0, -1.0], points.shape)
+        return self.support_height - points[:, 2], down
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InBodies(FreeSpace, Record):
+    """The space of other bodies that are known, and near them: depth m - d.
+
+    The hand cannot touch a side that a wall hides: there an estimate is extrapolated, at times into
+    the wall.
+    """
+
+    distances: Callable[[FloatArray], FloatArray]  #: d of points (P, 3), (P,) [m], below 0 inside
+    margin: float  #: m, from the bodies [m]
+
+    __repr__ = short_repr
+
+    def depths(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return depths (P,) [m] and their gradients (P, 3), by differences; see `FreeSpace`."""
+        depths, slopes = self.margin - self.distances(points), np.zeros((len(points), 3))
+        for axis, step in enumerate(_DIFFERENCE * np.eye(3)):
+            before, after = (self.distances(points + sign * step) for sign in (-1.0, 1.0))
+            slopes[:, axis] = (before - after) / (2.0 * _DIFFERENCE)
+        return depths, slopes
+
+
+@methods_underflow
+@dataclass(frozen=True, slots=True, eq=False)
+class Remainder(Predicting, Record):
+    """An estimate minus free space (CSG difference).
+
+    f = max(g, max_s d_s)
+
+    with the estimate g and the depth d_s in each space s. A point is outside if g is outside there,
+    or if it is in a space; elsewhere f is g. If the spaces are truly free, f has the right sign
+    wherever g has. Made by `carved` and `without`.
+    """
 
     surface: ImplicitSurface  #: the estimate g
+    spaces: tuple[FreeSpace, ...]
+
+    __repr__ = short_repr
 
     @property
     def bounds(self) -> FloatArray:
@@ -47,89 +164,60 @@ class _Remainder(Predicting, Record):
         """Return f at points of shape (..., 3) [m], shape (...): below 0 inside, above outside."""
         rows, shape = flat_points(points)
         values = np.array(self.surface.evaluate(rows))
-        checked, depths, _ = self._depths(rows, values)
-        values[checked] = np.maximum(values[checked], depths)
+        for _ in self._raised(rows, values):
+            pass
         return values.reshape(shape)
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
         """Return the gradient of f at points of shape (..., 3) [m], shape (..., 3): outward."""
         rows, shape = flat_points(points)
-        values, gradients = self.surface.evaluate(rows), np.array(self.surface.gradient(rows))
-        checked, depths, slopes = self._depths(rows, values)
-        deeper = depths > values[checked]
-        gradients[checked[deeper]] = slopes[deeper]
+        values = np.array(self.surface.evaluate(rows))
+        gradients = np.array(self.surface.gradient(rows))
+        for _, deeper, _, slopes in self._raised(rows, values):
+            gradients[deeper] = slopes
         return gradients.reshape(*shape, 3)
-
-    def _depths(self, points: FloatArray, values: FloatArray) -> _Depths:
-        """Return points that may be in free space (A,), their depth (A,) and its slopes (A, 3)."""
-        raise NotImplementedError
-
-
-@methods_underflow
-@dataclass(frozen=True, slots=True, eq=False)
-class CarvedImplicitSurface(_Remainder):
-    """An estimate minus balls of free space (CSG difference).
-
-    f = max(g, max_i (r_i - |x - c_i|))
-
-    with the estimate g and balls of centres c_i and radii r_i. A point is outside if g is outside
-    there, or if it is in a ball; elsewhere f is g. If the balls are truly free, f has the right
-    sign wherever g has. Made by `carved`.
-    """
-
-    centers: FloatArray  #: (K, 3) [m], in O; K at least 1
-    radii: FloatArray  #: (K,) [m]
-
-    __repr__ = short_repr
 
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
         It is the estimate's own. Where space was carved, it is combined with the depth inside the
-        estimate, the known error there.
+        estimate, the known error there; the table, at which the object ends, leaves it unchanged.
         """
         rows, shape = flat_points(points)
         values, deviations = self.surface.evaluate(rows), np.array(self.surface.uncertainty(rows))
-        checked, depths, _ = self._depths(rows, values)
-        carved = checked[depths > values[checked]]
-        deviations[carved] = np.hypot(deviations[carved], np.minimum(values[carved], 0.0))
+        values = np.array(values)
+        for space, carved_off, before, _ in self._raised(rows, values):
+            if not space.closes:
+                missing = np.minimum(before, 0.0)
+                deviations[carved_off] = np.hypot(deviations[carved_off], missing)
         return deviations.reshape(shape)
 
-    def _depths(self, points: FloatArray, values: FloatArray) -> _Depths:
-        checked = np.flatnonzero(values < self.radii.max())  # the largest depth
+    def _raised(self, points: FloatArray, values: FloatArray) -> Iterator[_Raised]:
+        """Raise the estimate's values (P,) to the depths in each space, and yield what changed.
 
-        def deepest(chosen: FloatArray) -> FloatArray:
-            depths = self.radii - cdist(chosen, self.centers)  # (A, K)
-            ball = np.argmax(depths, axis=1)
-            slopes = unit(self.centers[ball] - chosen, least=float(np.finfo(np.float64).tiny))
-            return np.column_stack([depths[np.arange(len(chosen)), ball], slopes])
+        That is the space, the points deeper in it than their values (A,), these values before,
+        (A,), and the slopes (A, 3) of the depths.
+        """
+        for space in self.spaces:
+            asked = np.flatnonzero(values < space.deepest)
+            depths, slopes = space.depths(points[asked])
+            deeper = depths > values[asked]
+            rows = asked[deeper]
+            before = values[rows]
+            values[rows] = depths[deeper]
+            yield space, rows, before, slopes[deeper]
 
-        found = map_rows(deepest, points[checked], len(self.radii))
-        return checked, found[:, 0], found[:, 1:]
+
+_Raised = tuple[FreeSpace, IndexArray, FloatArray, FloatArray]
 
 
-@methods_underflow
-@dataclass(frozen=True, slots=True, eq=False)
-class AboveTableImplicitSurface(_Remainder):
-    """An estimate minus the half-space below a table (CSG intersection).
-
-    f(x) = max(g(x), h - x_z)
-
-    with the estimate g and the height h of the table. The hand cannot touch an underside: there the
-    estimate is extrapolated, and the table closes it. The uncertainty is unchanged.
-    """
-
-    support_height: float  #: of the table [m]
-
-    __repr__ = short_repr
-
-    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
-        """Return one standard deviation of the estimate along its normal, shape (...) [m]."""
-        return self.surface.uncertainty(points)
-
-    def _depths(self, points: FloatArray, values: FloatArray) -> _Depths:
-        down = np.broadcast_to([0.0, 0.0, -1.0], points.shape)
-        return np.arange(len(points)), self.support_height - points[:, 2], down
+def without(surface: ImplicitSurface, *spaces: FreeSpace) -> ImplicitSurface:
+    """Return an estimate minus free space; the estimate itself without any."""
+    if not spaces:
+        return surface
+    if isinstance(surface, Remainder):
+        return Remainder(surface.surface, (*surface.spaces, *spaces))
+    return Remainder(surface, spaces)
 
 
 def carved(
@@ -173,7 +261,7 @@ def carved(
     if not len(kept):
         return surface
     grown = _grown(radii, nearest, values, growth)
-    return CarvedImplicitSurface(surface, centers[kept], grown[kept])
+    return without(surface, Balls(centers[kept], grown[kept]))
 
 
 def depths_in_free_space(
@@ -213,8 +301,8 @@ def _grown(radii: FloatArray, nearest: FloatArray, values: FloatArray, growth: f
     return np.maximum(radii, np.minimum(radii - growth * values, 0.5 * (radii + nearest)))
 
 
-def standing_on(contacts: Contacts, support_height: float) -> Contacts:
-    """Return contacts, and the further ones that a table at a height [m] implies.
+def walls_down_to(support_height: float, contacts: Contacts) -> Contacts:
+    """Return guessed contacts below the walls of contacts near a table at a height [m].
 
     No fingertip gets below a contact near the table. A wall there is assumed to continue straight
     down: one more contact is below it, at the table.
@@ -225,11 +313,25 @@ def standing_on(contacts: Contacts, support_height: float) -> Contacts:
     walls = replace(walls, free_points=np.empty((0, 3)), free_radii=np.empty(0))
     feet = walls.points * [1, 1, 0] + [0.0, 0.0, support_height]
     level = unit(walls.normals * [1, 1, 0])
-    return contacts.append(replace(walls, points=feet, normals=level))
+    return replace(walls, points=feet, normals=level)
 
 
 def above_table(surface: ImplicitSurface, support_height: float | None) -> ImplicitSurface:
     """Return an estimate closed by a table at a height [m]; None for no table."""
     if support_height is None:
         return surface
-    return AboveTableImplicitSurface(surface, support_height)
+    return without(surface, BelowTable(support_height))
+
+
+def outside_bodies(
+    surface: ImplicitSurface, distances: Callable[[FloatArray], FloatArray], margin: float
+) -> ImplicitSurface:
+    """Return an estimate without what other bodies, a margin [m] thicker, take up.
+
+    `distances` are signed, of points (P, 3), shape (P,) [m]. Where no body is near, the estimate
+    itself is returned.
+    """
+    low, high = surface.bounds
+    if distances(0.5 * (low + high)[None])[0] > 0.5 * np.linalg.norm(high - low) + margin:
+        return surface
+    return without(surface, InBodies(distances, margin))

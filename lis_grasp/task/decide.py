@@ -31,6 +31,14 @@ POLICY_MEANINGS: Mapping[str, str] = MappingProxyType(
 """The package's policies in words."""
 
 
+PLACES = ("table", "corner")
+"""Kinds of places for an object that is held."""
+
+
+TOUCHES_AFTER_A_VIEW = 5
+"""Touches that are made by default of an object that a camera saw before."""
+
+
 @record_of_options
 class Decide:
     """The estimator, the policy, the stop rules, the plan and the attempts.
@@ -76,7 +84,14 @@ class Decide:
         TOUCHING,
         choices=("one", "all"),
     )
-    touches: int = option(40, "touches to make", TOUCHING, metavar="N", check=at_least(1))
+    touches: int = option(
+        40,
+        "touches to make",
+        TOUCHING,
+        metavar="N",
+        words=f"40; {TOUCHES_AFTER_A_VIEW} after a view",
+        check=at_least(1),
+    )
     slide: float = option(
         0.0,
         "slide so far along a fixed object after a touch, for a second contact",
@@ -129,4 +144,11 @@ class Decide:
         GRASPING,
         metavar="N",
         check=at_least(0),
+    )
+    place: str | None = option(
+        None,
+        "where a held object is put down and let go: at a new place on the table, or in a corner of"
+        " two walls, which the task adds",
+        GRASPING,
+        choices=PLACES,
     )

@@ -6,7 +6,7 @@ from pydantic import InstanceOf
 
 from lis_grasp.exploration import DEFAULT_REGION, Region
 from lis_grasp.io.option import option, record_of_options
-from lis_grasp.task.option_groups import TOUCHING
+from lis_grasp.task.option_groups import CAMERA, TOUCHING
 from lis_grasp.world import Surroundings
 
 
@@ -42,6 +42,14 @@ class Known:
         " `pose` file places it on the table: a point cloud with normals, of any format that"
         " estimate reads; touches go where it lacks the surface",
         TOUCHING,
+        metavar="FILE",
+    )
+    views: tuple[str, ...] | None = option(
+        None,
+        "what a depth camera saw before the first touch, in the frame of the table: a file that see"
+        " writes, or a depth image with its intrinsics and pose; touches go where it lacks the"
+        " surface",
+        CAMERA,
         metavar="FILE",
     )
     world: str | InstanceOf[Surroundings] | None = option(

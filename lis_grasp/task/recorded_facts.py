@@ -12,8 +12,8 @@ from pydantic import Field, create_model
 from lis_grasp.geometry import require_pose
 from lis_grasp.io import provenance
 from lis_grasp.io.option import options_of
-from lis_grasp.io.schemas import Count, FileRecord, Number, Pose, Vector, checked
-from lis_grasp.task.task import PARTS, Task, option_kind
+from lis_grasp.io.schemas import Count, FileRecord, Number, Pose, checked
+from lis_grasp.task.task import PARTS, Task, option_items, option_kind, task_options
 from lis_grasp.typing import FloatArray
 from lis_grasp.world.files import file_of
 
@@ -23,13 +23,18 @@ _IN_FILES: dict[Any, Any] = {
     float: Number,
     int: Count,
     bool: bool,
-    tuple: Vector,
 }
 
 
 def _in_file(name: str, hint: Any) -> Any:
     """Return the type of an option in a file; null is permitted where None is."""
-    kind = _IN_FILES[option_kind(name)]
+    kind: Any
+    if option_kind(name) is tuple:
+        kind, parts = list[_IN_FILES[option_items(name)]], task_options()[name].metavar  # type: ignore[misc]
+        if isinstance(parts, tuple):  # a name for each number
+            kind = Annotated[kind, Field(min_length=len(parts), max_length=len(parts))]
+    else:
+        kind = _IN_FILES[option_kind(name)]
     return kind | None if type(None) in get_args(hint) else kind
 
 
@@ -42,6 +47,7 @@ RecordedFacts = create_model(  # type: ignore[call-overload]
     warnings=(list[str] | None, None),
     **dict.fromkeys(("turned", "left_out"), (list[Count] | None, None)),
     doubt_log_odds=(list[Number] | None, None),
+    seen=(Count | None, None),  # number of views beside the file that belong to its contacts
     **dict.fromkeys(("X_WO", "X_WE", "X_EO", "X_EA", "X_FB"), (Pose | None, None)),
     **{
         name: (_in_file(name, hint), None)
@@ -74,12 +80,19 @@ def located(facts: dict[str, Any], folder: Path) -> dict[str, Any]:
     or else the nearest one around the results that has such a file.
     """
     around = (folder.absolute(), *folder.absolute().parents)
+
+    def found(name: Any) -> Any:
+        path = Path(str(name or ""))  # in a report, it may be of any type
+        if not path.suffix or os.path.exists(file_of(path)):
+            return name
+        places = (str(outer / path) for outer in around if os.path.isfile(outer / file_of(path)))
+        return next(places, name)
+
     for name in ("object", "cloud", "hand", "arm", "world"):
-        path = Path(str(facts.get(name) or ""))  # in a report, it may be of any type
-        if path.suffix and not os.path.exists(file_of(path)):
-            found = (str(outer / path) for outer in around if os.path.isfile(outer / file_of(path)))
-            facts = facts | {name: next(found, facts[name])}
-    return facts
+        if name in facts:
+            facts = facts | {name: found(facts[name])}
+    views = facts.get("views")
+    return facts | {"views": [found(view) for view in views]} if isinstance(views, list) else facts
 
 
 def recorded_base(options: Mapping[str, Any], recorded: Mapping[str, Any]) -> FloatArray | None:

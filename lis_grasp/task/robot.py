@@ -24,7 +24,7 @@ from lis_grasp.io.option import (
 )
 from lis_grasp.io.yaml_files import YAML_SUFFIXES
 from lis_grasp.robots.shipped_models import arm_path, hand_path
-from lis_grasp.task.option_groups import ARM, SENSOR, TOUCHING
+from lis_grasp.task.option_groups import ARM, CAMERA, SENSOR, TOUCHING
 
 REAL_SENSOR: Mapping[str, float] = MappingProxyType(
     {
@@ -36,12 +36,23 @@ REAL_SENSOR: Mapping[str, float] = MappingProxyType(
 )
 """A sensor like a real one: 0.5 mm, 3 deg, 0.05 N, taxels 2 mm apart."""
 
+HAND_EYE = (0.002, float(np.radians(0.5)))
+"""Error of the pose of a camera that was calibrated with usual care [m], [rad]."""
+
 
 def _sensor(help: str, name: str, metavar: str, words_else: str = "") -> Any:
     words = f"{REAL_SENSOR[name]:.3g}; 0 with --known or --ideal"
     declared = {"metavar": metavar, "words": words, "words_else": words_else}
     check = NOT_LARGE if metavar == "METRES" else at_least(0)
     return option(REAL_SENSOR[name], help, SENSOR, check=check, **declared)
+
+
+def _hand_eye(name: str, value: Any) -> tuple[float, ...]:
+    """Return standard deviations of a camera's pose, in metres and radians."""
+    if len(value) != 2 or not all(0.0 <= part <= 1.0 for part in value):
+        required = "metres and radians, two numbers from 0 to 1"
+        raise InvalidOptionError.out_of_range(name, value, required)
+    return tuple(float(part) for part in value)
 
 
 def _find_model(find: Callable[[str], object]) -> Callable[[str], object]:
@@ -132,6 +143,28 @@ class Robot:
         "what the sensor reports of a contact: its normal, or, as a switch does, that there is one",
         SENSOR,
         choices=REPORTS,
+    )
+    camera: bool = option(
+        False,
+        "a simulated depth camera looks once, from the side, before the first touch; touches go"
+        " where it did not see",
+        CAMERA,
+    )
+    hand_eye: tuple[float, ...] = option(
+        HAND_EYE,
+        "standard deviations of the error between camera and hand, of each coordinate and about"
+        " each axis; a simulated camera has such an error",
+        CAMERA,
+        metavar=("METRES", "RADIANS"),
+        words="0.002 0.00873, 0.5 deg; 0 0 with --known or --ideal",
+        check=_hand_eye,
+    )
+    depth_noise: Literal["stereo", "none"] = option(
+        "stereo",
+        "noise of the simulated camera",
+        CAMERA,
+        choices=("stereo", "none"),
+        words="stereo; none with --known or --ideal",
     )
 
     def __post_init__(self) -> None:

@@ -14,7 +14,14 @@ from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.option import Option, options_of
 from lis_grasp.io.schemas import parse_entry
 from lis_grasp.io.yaml_files import YAML_SUFFIXES, read_yaml
-from lis_grasp.task.task import PARTS, Task, option_default, option_kind, plain_value
+from lis_grasp.task.task import (
+    PARTS,
+    Task,
+    option_default,
+    option_items,
+    option_kind,
+    plain_value,
+)
 from lis_grasp.world.files import file_of
 
 _PATHS = ("object", "pose", "hand", "arm", "cloud", "world")
@@ -62,10 +69,17 @@ def load_scene(path: Path | str) -> Task:
     for part in PARTS:
         options |= getattr(scene, part).model_dump(exclude_unset=True)
     for name in _PATHS:
-        beside = path.parent / str(options.get(name) or "")
-        if options.get(name) and file_of(beside).is_file():
-            options[name] = str(beside)
+        if options.get(name):
+            options[name] = _located(options[name], path.parent)
+    if options.get("views"):
+        options["views"] = [_located(name, path.parent) for name in options["views"]]
     return Task.of(**options)
+
+
+def _located(name: str, folder: Path) -> str:
+    """Return the path of a file of that name in a folder, if there is one, else the name."""
+    beside = folder / name
+    return str(beside) if file_of(beside).is_file() else name
 
 
 def write_scene(task: Task, path: Path | str) -> None:
@@ -102,7 +116,7 @@ class _Part(BaseModel):
 def _field(name: str, option: Option, *, optional: bool) -> tuple[Any, Any]:
     """Return type and declaration of an option in a file; a tuple becomes a list."""
     kind, choices = option_kind(name), [*option.choices, *([None] if optional else [])]
-    in_file: Any = list[float] if kind is tuple else kind
+    in_file: Any = list[option_items(name)] if kind is tuple else kind  # type: ignore[misc]
     extra: Any = {"enum": choices} if option.choices else None
     declared = Field(description=option.help, json_schema_extra=extra)
     return Annotated[in_file | None if optional else in_file, declared], option_default(name)

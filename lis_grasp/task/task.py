@@ -11,19 +11,31 @@ from typing import Any, TypeVar
 
 from lis_grasp.contacts import FARTHEST
 from lis_grasp.exceptions import InvalidOptionError, listed, nearest_or_all
-from lis_grasp.io.option import Option, at_least, checked_value, kind_of, option, options_of, within
+from lis_grasp.io.option import (
+    Option,
+    at_least,
+    checked_value,
+    items_of,
+    kind_of,
+    option,
+    options_of,
+    within,
+)
 from lis_grasp.shapes import STABLE
-from lis_grasp.task.decide import Decide
+from lis_grasp.task.decide import TOUCHES_AFTER_A_VIEW, Decide
 from lis_grasp.task.known import Known
 from lis_grasp.task.robot import REAL_SENSOR, Robot
 from lis_grasp.task.world import World
 from lis_grasp.world import Surroundings
 
 IDEAL_SENSOR: Mapping[str, Any] = MappingProxyType(dict.fromkeys(REAL_SENSOR, 0.0))
-"""A sensor without noise."""
+"""A tactile sensor without noise."""
+
+IDEAL_CAMERA: Mapping[str, Any] = MappingProxyType({"hand_eye": (0.0, 0.0), "depth_noise": "none"})
+"""A camera without noise, at exactly the known pose."""
 
 KNOWN: Mapping[str, Any] = MappingProxyType(
-    {"pose": None, "region": None, "free": False, "load": "known", **IDEAL_SENSOR}
+    {"pose": None, "region": None, "free": False, "load": "known", **IDEAL_SENSOR, **IDEAL_CAMERA}
 )
 """Place, size, mass and friction are known, the object is fixed at its mesh's pose, and the
 sensor is ideal. Without these, only a region is known, the object is free in a stable pose, and the
@@ -32,7 +44,7 @@ sensor is realistic."""
 OLD_NAMES: Mapping[str, str] = MappingProxyType({"obstacles": "world"})
 """Options by their names in 2.0, with those of today; both are read until 4.0."""
 
-LIFTING = ("grasps", "attempts", "closings", "simulator")
+LIFTING = ("grasps", "attempts", "closings", "simulator", "place")
 """Options that the exploration of a run does not depend on."""
 
 HEIGHT = within(f"at most {FARTHEST:g} m from 0", lambda value: abs(value) <= FARTHEST)
@@ -83,6 +95,13 @@ class Task:
             yield "at", f"`at` is a place in a file of bodies, `world`; it is {at} without a file"
         if arm is not None and world.simulator != "drake":
             yield "arm", f"an arm is simulated in drake; the simulator is {world.simulator}"
+        if self.decide.place is not None and arm is not None:
+            yield "place", f"place is carried out by a free hand; leave out `arm` ({arm})"
+        if self.decide.place == "corner" and bodies is not None:
+            yield (
+                "place",
+                "place corner adds walls of its own; leave out `world`, or place on table",
+            )
 
     @classmethod
     def of(
@@ -91,12 +110,14 @@ class Task:
         """Return the task of options by their names, as in ``lis-grasp run``.
 
         `known` is ``--known``: place, size, mass and friction of the object are known, it is fixed,
-        and the sensor is ideal. None means True with a cloud, which shows the place. Given options
-        replace these and the defaults.
+        and the sensor is ideal. None means True with a cloud, which shows the place. After a view
+        fewer touches are made by default. Given options replace these and the defaults.
 
         Raises `InvalidOptionError` if a value is not permitted, `TypeError` for another name.
         """
         given = options if object is None else {"object": object, **options}
+        if given.get("camera") or given.get("views"):
+            given = {"touches": TOUCHES_AFTER_A_VIEW} | given
         is_known = given.get("cloud") is not None if known is None else known
         return _made(cls, (_known_with(given) if is_known else {}) | given)
 
@@ -147,6 +168,11 @@ class Task:
         return self.world.pose is not None or self.world.is_free or self.robot.arm is not None
 
     @property
+    def sees(self) -> bool:
+        """Whether cameras see the object before the first touch."""
+        return self.robot.camera or bool(self.known.views)
+
+    @property
     def may_slide(self) -> bool:
         """Whether a fingertip may slide: on a fixed object, alone, and without an arm."""
         return not self.world.is_free and self.robot.arm is None and self.decide.fingers == "one"
@@ -180,6 +206,11 @@ def task_options() -> dict[str, Option]:
 def option_kind(name: str) -> type:
     """Return the type of an option's values beside None; see `kind_of`."""
     return kind_of(next((p for p in PARTS.values() if name in options_of(p)), Task), name)
+
+
+def option_items(name: str) -> type:
+    """Return the type of the items of an option that is a tuple; see `items_of`."""
+    return items_of(next(p for p in PARTS.values() if name in options_of(p)), name)
 
 
 def option_default(name: str) -> Any:

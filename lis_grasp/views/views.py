@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidViewError
 from lis_grasp.records import Record
+from lis_grasp.surfaces import FreeSpace
 from lis_grasp.surfaces.contact_preparation import thin_contacts
 from lis_grasp.typing import BoolArray, FloatArray
 from lis_grasp.views.depth_view import DepthView
@@ -160,13 +161,18 @@ class Views(Record):
 
         They are no measurements: an estimator takes them as weak contacts, and nothing saves them.
         """
+        implied = self._implied
+        return implied.subset(~_contradicted(implied, touches))
+
+    @cached_property
+    def _implied(self) -> Contacts:
+        """What the contours imply, where no view shows free space."""
         parts = [view.guesses(self.support_height) for view, _ in self.believed]
         implied = sum(parts, Contacts.empty())
         if not len(implied):
             return implied
         seen_free, _ = self.free.depths(implied.points)
-        implied = implied.subset(seen_free < _CLEARLY_FREE)
-        return implied.subset(~_contradicted(implied, touches))
+        return implied.subset(seen_free < _CLEARLY_FREE)
 
     @cached_property
     def free(self) -> FreeViews:
@@ -175,7 +181,7 @@ class Views(Record):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FreeViews(Record):
+class FreeViews(FreeSpace, Record):
     """Space that any of several views shows to be free, by a margin for their displacement."""
 
     views: tuple[DepthView, ...]

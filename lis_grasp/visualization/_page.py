@@ -38,6 +38,9 @@ _KEYED = (
     "normals",
     "bad",
     "free",
+    "seen",
+    "guessed",
+    "unknown",
     "search",
     "motion",
     "surroundings",
@@ -149,8 +152,9 @@ def build_overlay(
     story: Story,
     planned: int = 0,
     postures: bool = False,
+    picture: bytes | None = None,
 ) -> str:
-    """Return the overlay's HTML, with all text escaped.
+    """Return the overlay's HTML, with all text escaped; `picture` is a PNG of what a camera saw.
 
     The lines of `summary` are folded below the numbers of a `headline`. The layers of grasps show
     the best of the `planned` ones, or postures of a hand if `postures` is set. `scale` colours the
@@ -169,6 +173,7 @@ def build_overlay(
         _results(headline, summary),
         f'<p class="explained">In this order: {explained}.</p>' if explained else "",
         f'<ul class="layers">{"".join(_row(layer, scale) for layer in others)}</ul>',
+        _figure(picture),
         _listed_grasps(grasps, planned=planned, postures=postures),
         f'<p class="fine">Grid {spacing}. Drag to turn, wheel or pinch to zoom,'
         " right button or two fingers to move.</p>",
@@ -203,6 +208,14 @@ def _listed_grasps(grasps: Sequence[Layer], *, planned: int, postures: bool) -> 
     which = "Ranked" if shown == planned else f"The best {shown} of {planned}, ranked"
     fine = f'<p class="fine">{which} by predicted success on the uncertain estimate.</p>'
     return f"<h2>Candidate grasps</h2>{rows}{fine}"
+
+
+def _figure(picture: bytes | None) -> str:
+    """Return a picture of what a camera saw; nothing for None."""
+    if picture is None:
+        return ""
+    image = f'<img alt="Depth image" src="data:image/png;base64,{_base64(picture)}">'
+    return f"<figure>{image}<figcaption>Depth image before the first touch</figcaption></figure>"
 
 
 def _is_grasp(layer: Layer) -> bool:

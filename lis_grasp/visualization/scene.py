@@ -45,6 +45,7 @@ from lis_grasp.visualization.hand_layers import (
 )
 from lis_grasp.visualization.notebook import framed
 from lis_grasp.visualization.still import LEAST_SIZE, Still
+from lis_grasp.visualization.view_layers import SeenSurface, depth_picture, draw_seen
 from lis_grasp.world import ALONE, Surroundings
 
 if TYPE_CHECKING:
@@ -63,9 +64,10 @@ class Scene:
 
     The fragment of the page's address sets the view, such as ``#t=2.5&play=1``: the time [s],
     whether it plays, ``layers`` (a comma-separated list of ``estimate``, ``truth``, ``contacts``,
-    ``normals``, ``free``, ``search``, ``motion``, ``hand``, ``grasp-1`` and so on, ``together``,
-    ``lift``, ``surroundings``, ``free-bodies``), ``azimuth``, ``elevation`` [deg], ``zoom``, and
-    ``panel``: 0 hides the overlay, 1 unfolds and ``fold`` folds it.
+    ``normals``, ``free``, ``seen``, ``guessed``, ``unknown``, ``search``, ``motion``, ``hand``,
+    ``grasp-1`` and so on, ``together``, ``lift``, ``surroundings``, ``free-bodies``), ``azimuth``,
+    ``elevation`` [deg], ``zoom``, and ``panel``: 0 hides the overlay, 1 unfolds and ``fold`` folds
+    it.
 
     Parameters
     ----------
@@ -99,6 +101,8 @@ class Scene:
         to the first contact.
     moved
         The logged probes of an exploration that moved the object.
+    seen
+        What a camera saw before the first touch; None without one.
     title, headline, summary
         Plain text: a heading, numbers with what they are, and lines that are folded below them.
 
@@ -129,6 +133,7 @@ class Scene:
     region: Region | None = None
     search: Sequence[ProbeOutcome] = ()
     moved: Sequence[LoggedProbe] = ()
+    seen: SeenSurface | None = None
     title: str = "lis_grasp"
     headline: Sequence[tuple[str, str]] = ()
     summary: Sequence[str] = ()
@@ -183,6 +188,8 @@ class Scene:
             draw_truth(canvas, self.truth)
         draw_surroundings(canvas, self.surroundings)
         draw_contacts(canvas, self.contacts, marker_size(object_points, LEAST_SIZE))
+        if self.seen is not None:
+            draw_seen(canvas, self.seen, self.contacts, self.estimate, size)
         bad = self.contacts.subset(list(self.bad_contacts))
         draw_bad_contacts(canvas, bad, marker_size(object_points, LEAST_SIZE))
         if self.region is not None:
@@ -218,6 +225,7 @@ class Scene:
             grid=grid,
             story=story,
             planned=len(self.grasps),
+            picture=None if self.seen is None else depth_picture(self.seen.view),
         )
         return build_page(self.title, canvas, overlay=overlay, content=content)
 
@@ -274,7 +282,7 @@ class Scene:
         draw_grasps(canvas, grasps)
         best = around = moved = standing = _no_points()
         if motion is not None:
-            draw_motion(canvas, motion, self.hand, station)
+            draw_motion(canvas, motion, self.hand, station, self.surroundings)
             moved = moved_points(motion, self.hand, object_points)
         if postures:
             best = hand_points(self.hand, postures[0])

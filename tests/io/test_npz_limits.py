@@ -26,7 +26,7 @@ def _npy(shape: str, descr: str = "<f8", data: bytes = b"") -> bytes:
 def test_arrays_come_back(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     np.savez_compressed(path, a=np.arange(3.0), b=np.array(["x", "yy"]))
-    b, a = read_arrays(path, ("b", "a"))
+    b, a = read_arrays(path, ("b", "a")).values()
     assert list(b) == ["x", "yy"]
     assert list(a) == [0.0, 1.0, 2.0]
 

@@ -19,7 +19,9 @@ from lis_grasp.pipeline import ContactSource, RunConfig, Scenario
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.stages.contact_sources import join_sources, load_source
 from lis_grasp.stages.estimate import Perception
+from lis_grasp.stages.touch import touch
 from lis_grasp.task.recorded_facts import read_facts
+from lis_grasp.task.task import Task
 
 NOISE, TILT = 0.001, 0.05
 
@@ -170,20 +172,19 @@ def test_a_cloud_of_other_content_starts_from_the_beginning(
     assert "starting from the beginning: cloud.ply was edited" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    "place", [["--unknown"], ["--region", "1", "1", "1"], ["--pose", "upright"]]
-)
-def test_a_cloud_of_an_object_at_a_random_place_is_refused(
-    upper_half: Path, tmp_path: Path, place: list[str], capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("pose", ["stable", "upright"])
+def test_a_cloud_may_be_of_an_object_at_a_place_that_only_its_region_bounds(
+    upper_half: Path, tmp_path: Path, pose: str
 ) -> None:
-    output = tmp_path / "out"
-    command = ["run", "box", "--cloud", str(upper_half), *place, "--output", str(output)]
-    assert main(command) == 2
-    assert "drawn at random" in capsys.readouterr().err
-    assert not (output / "touches.jsonl").exists()
-    np.savetxt(tmp_path / "pose.txt", np.eye(4))  # its place is known
-    config = RunConfig("box", cloud=str(upper_half), pose=str(tmp_path / "pose.txt"))
-    assert Scenario.from_config(config).agent.known.cloud == str(upper_half)
+    task = Task.of("box", hand="wsg50", known=False, pose=pose, prober="kinematic", touches=2)
+    X_WO = Scenario.from_config(task).truth.X_WO
+    in_W = Contacts.load(upper_half).in_frame(np.linalg.inv(X_WO))
+    in_W.save(tmp_path / "in_W.ply")
+    scenario = Scenario.from_config(task.having(cloud=str(tmp_path / "in_W.ply")))
+    exploration = touch(scenario)
+    distances, _ = distances_to_mesh(exploration.contacts.points, scenario.truth.shape.mesh)
+    assert exploration.made == 2
+    assert distances.max() < 6.0 * task.robot.position_noise
 
 
 def test_a_missing_cloud_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:

@@ -304,8 +304,11 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
         "keep_all": True,
         "attempts": 4,
         "closings": 2,
+        "place": "table",
         "simulator": "mujoco",
         "arm": "iiwa14",
+        "camera": True,
+        "views": ("view.npz",),
     }
     based = {"arm": "iiwa14", "base": (-0.5, 0.0, 0.1)}
     every = {"fingers": "all", "prober": "kinematic"}

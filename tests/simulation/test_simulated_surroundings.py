@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -17,7 +19,7 @@ from lis_grasp.probing.approach_planner import NO_FREE_START
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import Inertial, LinkGeometry
-from lis_grasp.shapes.object_mass import GRAVITY, USUAL_FRICTION
+from lis_grasp.shapes.object_mass import GRAVITY, USUAL_FRICTION, uniform_inertia
 from lis_grasp.simulation.drake import _probe_carriers, dynamic_prober
 from lis_grasp.simulation.drake._plant_scene import PlantScene
 from lis_grasp.simulation.drake._probing_scene import ProbingScene
@@ -95,6 +97,48 @@ def test_free_blocks_rest_still_for_a_second_and_press_with_their_weight(
     # At rest to the last micrometre a second.
     assert list(forces.values()) == pytest.approx([mass * GRAVITY] * 2, rel=1e-3)
     assert scene.pushes == {}
+
+
+def standing(mesh: trimesh.Trimesh, *, tilt: float) -> Body:
+    """Return a free mesh of 0.2 kg at x = 0.2 m on the table, tilted by an angle [rad]."""
+    X_EB = make_pose(Rotation.from_rotvec([0.6 * tilt, 0.8 * tilt, 0.0]).as_matrix())
+    lowest = apply_pose(X_EB, np.asarray(mesh.vertices))[:, 2].min()
+    X_EB[:3, 3] = [0.2, 0.0, TABLE - lowest]
+    inertial = Inertial(0.2, np.array(mesh.center_mass), uniform_inertia(mesh, 0.2))
+    return Body("mesh", (LinkGeometry("mesh", np.eye(4), "mesh", (), mesh),), X_EB, inertial)
+
+
+ROOF = np.array([(x, y, 0.056 * (y < 0.0)) for x in (-0.05, 0.05) for y in (-0.025, 0.025)])
+SHAPES = {
+    "roof": trimesh.convex.convex_hull(np.vstack([ROOF, ROOF * [1.0, 1.0, 0.0]])),
+    **{name: shapes.find(name).mesh for name in ("half_cylinder", "pentagon")},
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_free_mesh_does_not_move_before_it_is_touched(wsg50: Hand, name: str) -> None:
+    body = standing(SHAPES[name], tilt=2e-4)
+    scene = scene_with(Surroundings((body,)), wsg50, 0.005)
+    scene.place_surroundings({})
+    for _ in range(100):
+        scene.step(of="rest")
+    assert scene.surroundings is not None
+    assert body.displacement(scene.surroundings.poses(scene.context)["mesh"]) < 1e-12
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("time_step", [0.005, pytest.param(0.002, marks=pytest.mark.slow)])
+def test_a_pushed_mesh_comes_to_rest(wsg50: Hand, name: str, time_step: float) -> None:
+    body = standing(SHAPES[name], tilt=2e-3)
+    scene = scene_with(Surroundings((body,)), wsg50, time_step)  # it is not locked
+    poses = []
+    for seconds in (0.5, 2.0):
+        while scene.steps * time_step < seconds:
+            scene.step(of="rest")
+        assert scene.surroundings is not None
+        poses.append(scene.surroundings.poses(scene.context)["mesh"])
+    # As a second of rest may move a block.
+    assert replace(body, X_EB=poses[0]).displacement(poses[1]) < 1e-4
 
 
 def test_a_wall_pushes_back_by_the_law_of_the_rail_that_pushes(wsg50: Hand) -> None:
@@ -211,15 +255,32 @@ def test_a_hand_that_would_start_in_a_body_is_blocked_and_the_body_named(wsg50: 
         assert "block_east" in outcome.reason
 
 
-def test_a_concave_mesh_is_felt_inside_and_does_not_press_on_what_is_in_it(wsg50: Hand) -> None:
+def tray() -> Body:
+    """Return a tray of one mesh with its floor as high as the table, and its rim 90 mm higher."""
     outer = trimesh.creation.box((0.4, 0.4, 0.1))
     inner = trimesh.creation.box((0.36, 0.36, 0.1))
     inner.apply_translation((0.0, 0.0, 0.01))
-    tray = trimesh.boolean.difference([outer, inner], engine="manifold")
-    tray.apply_translation((0.0, 0.0, TABLE + 0.05 - 0.01))
-    world = Surroundings((Body.of_mesh("tray", tray),))
+    mesh = trimesh.boolean.difference([outer, inner], engine="manifold")
+    return Body.of_mesh("tray", mesh.apply_translation((0.0, 0.0, TABLE + 0.05 - 0.01)))
+
+
+def test_an_object_that_slides_in_a_concave_mesh_is_stopped_by_its_wall(wsg50: Hand) -> None:
+    scene = scene_with(Surroundings((tray(),)), wsg50, 0.005)
+    scene.place_surroundings({})
+    assert scene.forces_beside() == {}
+    # It has 138 mm to slide to the wall, and would slide 0.4 m: v^2 / (2 mu g).
+    speed = np.array([2.0, 0.0, 0.0])
+    scene.object_joint.set_translational_velocity(scene.context, speed)
+    for _ in range(100):
+        scene.step(of="sliding")
+    X_WO = scene.object_joint.GetPose(scene.context).GetAsMatrix4()
+    assert apply_pose(X_WO, MESH.vertices)[:, 0].max() < 0.18 + 1e-3
+    assert scene.pushes.keys() == {("tray", "object")}
+
+
+def test_a_concave_mesh_is_felt_inside_and_does_not_press_on_what_is_in_it(wsg50: Hand) -> None:
+    world = Surroundings((tray(),))
     prober = DynamicProber(wsg50, MESH, free=ON_TABLE, surroundings=world, known=world)
-    # Its floor is as high as the table, its rim 90 mm higher.
     outcome = prober.probe(Probe(np.array([0.12, 0.1, TABLE]), DOWN, 0.04, 0.02))
     assert outcome.contacts.points[0, 2] == pytest.approx(TABLE, abs=5e-4)
     assert outcome.contacts.normals[0] == pytest.approx([0.0, 0.0, 1.0], abs=0.02)

@@ -33,7 +33,11 @@ from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.stages.estimate import estimate
 from lis_grasp.stages.touch import make_policy
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface, carved, judge_contacts
-from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space, standing_on
+from lis_grasp.surfaces.carved_implicit_surface import (
+    depths_in_free_space,
+    outside_bodies,
+    walls_down_to,
+)
 from lis_grasp.typing import FloatArray
 
 RADIUS = 0.04
@@ -51,6 +55,26 @@ WITH_LOBE = Analytic(
 
 def on_ball(directions: FloatArray, **free: npt.ArrayLike) -> Contacts:
     return Contacts(RADIUS * directions, directions, **free)
+
+
+def test_an_estimate_ends_before_a_known_wall() -> None:
+    wall, margin = 0.03, 0.002  # its face at x = 30 mm, inside of the ball of 40 mm
+
+    def distances(points: FloatArray) -> FloatArray:
+        return np.asarray(wall - points[:, 0])
+
+    ball = Analytic(sphere(RADIUS), cube_bounds(0.08), doubt=lambda p: np.full(p.shape[:-1], 1e-3))
+    cut = outside_bodies(ball, distances, margin)
+    mesh = extract_mesh(cut)
+    # Dual contouring is exact on planes; it extrapolates a ball by a fraction of a cell.
+    assert mesh.bounds[1, 0] == pytest.approx(wall - margin, abs=1e-5)
+    assert mesh.bounds[0, 0] == pytest.approx(-RADIUS, abs=1e-4)
+    inside = np.array([[wall - margin, 0.0, 0.0]])
+    assert_allclose(cut.evaluate(inside), 0.0, atol=1e-12)
+    assert_allclose(cut.gradient(inside + [1e-3, 0.0, 0.0]), [[1.0, 0.0, 0.0]], atol=1e-6)
+    # A surface that nobody touched is as unsure as it is deep in the estimate.
+    assert cut.uncertainty(inside + [1e-3, 0.0, 0.0])[0] > 0.01
+    assert outside_bodies(ball, lambda points: distances(points) + 1.0, margin) is ball
 
 
 def some_directions(count: int, seed: int = 0) -> FloatArray:
@@ -178,7 +202,7 @@ def test_an_estimate_without_contradiction_is_returned_as_it_is(free: dict) -> N
 def test_a_margin_shrinks_the_balls() -> None:
     contacts = on_ball(some_directions(3), free_points=[[0.06, 0.0, 0.0]], free_radii=[0.015])
     surface = carved(WITH_LOBE, contacts, margin=0.002, growth=0.0)
-    np.testing.assert_allclose(surface.radii, 0.013)
+    np.testing.assert_allclose(surface.spaces[0].radii, 0.013)
     for option in ("margin", "growth"):
         with pytest.raises(InvalidOptionError) as error:
             carved(WITH_LOBE, contacts, **{option: -0.001})
@@ -202,7 +226,7 @@ def test_a_ball_deep_inside_grows_at_most_halfway_to_a_contact(
     pole = np.array([[1.0, 0.0, 0.0]])
     contacts = on_ball(pole, free_points=[center], free_radii=[0.005])
     surface = carved(WITH_LOBE, contacts)
-    np.testing.assert_allclose(surface.radii, [grown], atol=1e-12)
+    np.testing.assert_allclose(surface.spaces[0].radii, [grown], atol=1e-12)
 
 
 # ---------------------------------------------------------------- the hand
@@ -291,11 +315,11 @@ def flat_ring(height: float = 0.0, count: int = 8, seed: int | None = None) -> C
 @pytest.mark.parametrize("height", [0.0, -0.3])
 def test_walls_near_a_table_go_on_straight_down_to_it(height: float) -> None:
     contacts = flat_ring(height)
-    feet = standing_on(contacts, height)[len(contacts) :]
+    feet = walls_down_to(height, contacts)
     assert_allclose(feet.points[:, :2], contacts.points[:16, :2])  # of the walls, not of the top
     assert_allclose(feet.points[:, 2], height)
     assert_allclose(feet.normals, contacts.normals[:16])
-    assert len(standing_on(contacts, height - 0.02)) == len(contacts)  # too high above it
+    assert not len(walls_down_to(height - 0.02, contacts))  # too high above it
 
 
 @pytest.mark.slow

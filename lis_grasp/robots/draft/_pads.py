@@ -92,9 +92,14 @@ def _sliding(
 ) -> tuple[FloatArray, FloatArray]:
     """Return unit vectors in the link frame, as in `_closing`: the slide, and across it the arm."""
     closing = slide_L * (np.sign(slide_L @ towards_L) or 1.0)
-    outward = arm_L - (arm_L @ closing) * closing
-    length = float(np.linalg.norm(outward))
-    return closing, outward / length if length > 1e-4 else tangent_frame(closing)[0]
+    return closing, _across(arm_L, closing)
+
+
+def _across(arm: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return the part (3,) of an arm [m] across an axis, unit; of a shorter one any direction."""
+    across = arm - (arm @ axis) * axis
+    length = float(np.linalg.norm(across))
+    return across / length if length > 1e-4 else tangent_frame(axis)[0]
 
 
 def _closing(finger: DraftFinger, towards_L: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -103,11 +108,7 @@ def _closing(finger: DraftFinger, towards_L: FloatArray) -> tuple[FloatArray, Fl
     if joint.kind == "prismatic":
         axis = finger.axis_L
         sign = np.sign(axis @ towards_L) or 1.0
-        arm = finger.points_L.mean(axis=0) - finger.origin_L
-        arm = arm - (arm @ axis) * axis
-        length = np.linalg.norm(arm)
-        outward = arm / length if length > 1e-4 else tangent_frame(axis)[0]
-        return sign * axis, outward
+        return sign * axis, _across(finger.points_L.mean(axis=0) - finger.origin_L, axis)
     outward = unit(reach(finger.points_L, finger.origin_L, finger.axis_L))
     motion = cross(finger.axis_L, outward)
     sign = np.sign(motion @ towards_L) or 1.0

@@ -10,10 +10,10 @@ from scipy.optimize import least_squares
 
 from lis_grasp.geometry import apply_pose, frame_along, make_pose, tangent_frame, unit
 from lis_grasp.robots.collision import HandCollisionChecker
-from lis_grasp.robots.draft._structure import link_points, rigid_groups
+from lis_grasp.robots.draft._structure import link_points
 from lis_grasp.robots.hand import Hand, thumb_of
 from lis_grasp.robots.link_bodies import fibonacci_directions
-from lis_grasp.robots.robot_model import joints_to
+from lis_grasp.robots.robot_model import joints_to, rigid_groups
 from lis_grasp.typing import FloatArray
 
 RADII = (0.085, 0.07, 0.057, 0.046, 0.036, 0.027, 0.019, 0.012, 0.007)
@@ -280,11 +280,8 @@ def _leading_direction(
 
 
 def _finger_roots(hand: Hand, links: dict[str, FloatArray]) -> FloatArray:
-    roots = []
-    for pad in hand.pads:
-        first = next(j for j in joints_to(hand.joints, pad.link) if j.index >= 0)
-        roots.append(links[first.child][:3, 3])
-    return np.array(roots)
+    chains = (joints_to(hand.joints, pad.link) for pad in hand.pads)
+    return np.array([links[next(j.child for j in c if j.index >= 0)][:3, 3] for c in chains])
 
 
 def _closing_direction(hand: Hand, q: FloatArray) -> FloatArray:

@@ -10,10 +10,10 @@ import numpy as np
 from lis_grasp.geometry import apply_inverse, apply_pose, rotate_back
 from lis_grasp.records import read_only
 from lis_grasp.robots.collision import HandCollisionChecker
-from lis_grasp.robots.draft._structure import link_points, rigid_groups
+from lis_grasp.robots.draft._structure import link_points
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.link_bodies import fibonacci_directions, points_of_bodies
-from lis_grasp.robots.robot_model import ProbePosture, joints_to
+from lis_grasp.robots.robot_model import ProbePosture, joints_to, rigid_groups
 from lis_grasp.typing import FloatArray
 
 _SAMPLES = 300  # postures of each finger

@@ -29,12 +29,11 @@ from lis_grasp.robots.draft._structure import (
     find_exclusions,
     find_fingers,
     find_hand_bases,
-    rigid_groups,
     shared_joints,
 )
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import forces_along_pads, is_plausible_effort
-from lis_grasp.robots.robot_model import RobotModel
+from lis_grasp.robots.robot_model import RobotModel, rigid_groups
 
 # Largest number of joints before all fingers that are locked, as in a wrist; more are an arm, which
 # is left out.
@@ -201,7 +200,7 @@ class _Described:
             )
 
     def note_exclusions(self, hand: Hand) -> None:
-        by_design = hand.self_collision_exclusions - _joined_pairs(self.model)
+        by_design = hand.self_collision_exclusions - self.model.joined_links
         if by_design:
             named = listed(["-".join(pair) for pair in sorted(by_design)])
             self.notes.append(
@@ -290,11 +289,6 @@ def _strong_enough(hand: Hand, edits: DescriptionEdits) -> tuple[Hand, Descripti
     return replace(hand, effort_limits=read_only(limits)), edits
 
 
-def _joined_pairs(model: RobotModel) -> frozenset[tuple[str, str]]:
-    """Return the pairs of links that a joint joins."""
-    return frozenset((min(j.parent, j.child), max(j.parent, j.child)) for j in model.joints)
-
-
 def _without_postures(model: RobotModel, name: str, pads: tuple) -> Hand:
     middle = read_only(0.5 * (model.lower + model.upper))
     return Hand(
@@ -306,7 +300,7 @@ def _without_postures(model: RobotModel, name: str, pads: tuple) -> Hand:
         approach_H=read_only(np.array([0.0, 0.0, 1.0])),
         pregrasps=MappingProxyType({"middle": middle}),
         probe_postures=MappingProxyType({}),
-        self_collision_exclusions=_joined_pairs(model),
+        self_collision_exclusions=model.joined_links,
         max_contact_force=1.0,
     )
 

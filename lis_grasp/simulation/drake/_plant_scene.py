@@ -65,6 +65,8 @@ class PlantScene:
         #: largest force [N] on each body beside the object so far, by who pushed it
         self.pushes: dict[tuple[str, Pusher], float] = {}
         self._unmoved: FilterId | None = None
+        self._is_object_locked = False
+        self._locked: set[str] = set()  # free bodies beside the object
         self._separated = False
         if len(surroundings):
             self.surroundings = add_surroundings(self.plant, surroundings)
@@ -92,7 +94,7 @@ class PlantScene:
         beside, sensor = self.surroundings, None
         tables = [slab for slab in (support, table) if slab is not None]
         if beside is not None:
-            beside.let_rest(scene_graph, tables)
+            beside.let_rest(scene_graph, obj.geometry, tables)
             pushers: dict[GeometryId, Pusher] = dict.fromkeys(
                 scene_graph.model_inspector().GetAllGeometryIds(Role.kProximity), "arm"
             )
@@ -122,38 +124,61 @@ class PlantScene:
         self.object_joint.SetPose(self.context, rigid(X_WO))
 
     def lock_object(self) -> None:
-        """Lock the object where it is.
-
-        Until it is unlocked, it does not touch what is fixed to the world: Drake 1.51 crashes on
-        contact between a locked body and the world.
-        """
-        fixed = [] if self.support is None else [self.support]
-        fixed += [] if self.surroundings is None else self.surroundings.fixed_geometries
-        if fixed and self._unmoved is None:
-            declaration = CollisionFilterDeclaration()
-            declaration.ExcludeBetween(GeometrySet([self.object.geometry]), GeometrySet(fixed))
-            self._unmoved = self.filters.ApplyTransient(declaration)
+        """Lock the object where it is, until it is unlocked."""
+        self._is_object_locked = True
+        self._separate_locked()
         self.object_joint.Lock(self.context)
 
     def unlock_object(self) -> None:
         """Free an object that was locked."""
-        if self._unmoved is not None:
-            self.filters.RemoveDeclaration(self._unmoved)
-            self._unmoved = None
+        self._is_object_locked = False
+        self._separate_locked()
         self.object_joint.Unlock(self.context)
 
     def place_surroundings(self, poses: Mapping[str, FloatArray]) -> None:
         """Place free bodies beside the object, at rest at poses X_WB (4, 4) by name.
 
-        The first time, what stands on or leans on each other is found; see `separate`.
+        They are locked until something touches them: a soft ground would let them creep. The first
+        time, what stands on or leans on each other is found; see `separate`.
         """
-        if self.surroundings is None:
+        beside = self.surroundings
+        if beside is None:
             return
-        self.surroundings.place(self.context, poses)
+        beside.place(self.context, poses)
         if not self._separated:
             query = self.plant.get_geometry_query_input_port().Eval(self.context)
-            self.surroundings.separate(self.filters, query, self.object.geometry)
+            beside.separate(self.filters, query, self.object.geometry)
             self._separated = True
+        self._locked = set(beside.grounds)
+        self._separate_locked()
+        for name in beside.grounds:
+            beside.joint(name).Lock(self.context)
+
+    def _unlock_touched(self) -> None:
+        """Free the locked bodies beside the object that something touches."""
+        assert self.surroundings is not None
+        touched = self._locked & self.surroundings.touched(self._results())
+        if touched:
+            self._locked -= touched
+            self._separate_locked()
+            for name in sorted(touched):
+                self.surroundings.joint(name).Unlock(self.context)
+
+    def _separate_locked(self) -> None:
+        """Let locked bodies touch neither each other nor what is fixed: Drake 1.51 crashes."""
+        if self._unmoved is not None:
+            self.filters.RemoveDeclaration(self._unmoved)
+            self._unmoved = None
+        locked = [self.object.geometry] if self._is_object_locked else []
+        fixed = [] if self.support is None else [self.support]
+        if self.surroundings is not None:
+            fixed += self.surroundings.unmoving_geometries
+            locked += self.surroundings.geometries(self._locked)
+        if locked and (fixed or len(locked) > 1):
+            declaration = CollisionFilterDeclaration()
+            declaration.ExcludeWithin(GeometrySet(locked))
+            declaration.ExcludeBetween(GeometrySet(locked), GeometrySet(fixed))
+            self._unmoved = self.filters.ApplyTransient(declaration)
 
     def stop(self) -> None:
         """Set all velocities to 0."""
@@ -181,6 +206,8 @@ class PlantScene:
         if self.surroundings is not None:
             for pushed, force in self.forces_beside().items():
                 self.pushes[pushed] = max(force, self.pushes.get(pushed, 0.0))
+            if self._locked:
+                self._unlock_touched()
 
     def forces_beside(self) -> dict[tuple[str, Pusher], float]:
         """Return the forces [N] on the bodies beside the object now, by who pushes them."""

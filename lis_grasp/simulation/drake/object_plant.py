@@ -37,6 +37,9 @@ _TABLE_MODULUS = 5e7  # [Pa], at most
 # A flat face on the table is a spring of stiffness k. From k (time step)^2 of about 40 masses on,
 # light plates bounce by themselves, at times by centimetres; this is half of it.
 _STIFFNESS_LIMIT = 20.0
+# The same of bodies that are pushed: at 10 a roof that is tilted by 0.01 degrees bounces along.
+_GROUND_LIMIT = 5.0
+_FOOT = 0.03  # [rad] of tilt, within which a body stands on a face
 _ON_TABLE = 5e-4  # [m] above an object's lowest point, as good as on the table
 TABLE_DISSIPATION = 20.0  # [s/m], a thud, not a bounce
 
@@ -136,7 +139,6 @@ def add_support(
     *,
     under: trimesh.Trimesh,
     mass: float,
-    name: str = "support",
 ) -> GeometryId:
     """Add the table that supports a free object of a mass [kg], and return its geometry.
 
@@ -144,8 +146,31 @@ def add_support(
     would bounce by itself. This one is as soft as the plant's time step asks for: such an object
     sinks in by 12 um at steps of 5 ms. For the hand there is another table; see `let_rest`.
     """
-    modulus = min(_TABLE_MODULUS, _stable_modulus(under, mass, plant.time_step()))
-    return _add_slab(plant, support_height, friction, under, name, modulus)
+    heights = under.vertices[:, 2]
+    foot = under.vertices[heights < heights.min() + _ON_TABLE, :2]
+    modulus = _stable_modulus(_area(foot), mass, plant.time_step(), limit=_STIFFNESS_LIMIT)
+    return _add_slab(plant, support_height, friction, under, "support", modulus)
+
+
+def add_ground(
+    plant: MultibodyPlant,
+    height: float,
+    friction: float,
+    *,
+    under: trimesh.Trimesh,
+    mass: float,
+    name: str,
+) -> GeometryId:
+    """Add the ground of a free body beside the object, and return its geometry.
+
+    It is softer than the object's support: the body may be pushed, and comes to rest on it from
+    any motion. A tilted body stands on all that is nearly as low as its lowest point.
+    """
+    heights = under.vertices[:, 2]
+    width = float(np.ptp(under.vertices[:, :2], axis=0).max())
+    foot = under.vertices[heights < heights.min() + _FOOT * width, :2]
+    modulus = _stable_modulus(_area(foot), mass, plant.time_step(), limit=_GROUND_LIMIT)
+    return _add_slab(plant, height, friction, under, name, modulus)
 
 
 def let_rest(
@@ -173,16 +198,20 @@ def let_rest(
     scene_graph.collision_filter_manager().Apply(declaration)
 
 
-def _stable_modulus(mesh: trimesh.Trimesh, mass: float, time_step: float) -> float:
-    """Return the largest modulus [Pa] of a table on which an object, given in W, rests stably."""
-    heights = mesh.vertices[:, 2]
-    lowest = mesh.vertices[heights < heights.min() + _ON_TABLE, :2]
+def _area(points: FloatArray) -> float:
+    """Return the area of the convex hull of points (P, 2) [m^2]; 0 of a point or a line."""
     try:
-        area = ConvexHull(lowest).volume  # what Qhull calls the area of a polygon is its border
-    except QhullError:  # the object rests on a point or a line
-        return np.inf
-    gradient = _STIFFNESS_LIMIT * mass / (area * time_step**2)  # of the pressure [Pa/m]
-    return 0.5 * _TABLE_THICKNESS * gradient
+        return float(ConvexHull(points).volume)  # what Qhull calls the area is the border's length
+    except QhullError:
+        return 0.0
+
+
+def _stable_modulus(area: float, mass: float, time_step: float, *, limit: float) -> float:
+    """Return the largest modulus [Pa] of a table on which an object rests stably on an area."""
+    if area == 0.0:
+        return _TABLE_MODULUS
+    gradient = limit * mass / (area * time_step**2)  # of the pressure [Pa/m]
+    return min(0.5 * _TABLE_THICKNESS * gradient, _TABLE_MODULUS)
 
 
 def _add_slab(

@@ -57,12 +57,13 @@
   const has = (id) => facts.has(id);
 
   const BESIDE = ["surroundings", "free-bodies"]; // bodies beside the object
+  const VIEW = ["seen", "guessed", "unknown"]; // of a camera, before the first touch
   const layers = {};
   let surfaces = []; // { count, group }: the estimate from `count` contacts
   let grasps = [];
   let toucher = null;
   function gatherLayers() {
-    for (const id of ["contacts", "normals", "free"]) {
+    for (const id of ["contacts", "normals", "free", ...VIEW]) {
       if (!has(id)) continue;
       layers[id] = node("object", id);
       setUpCopies(layers[id]);
@@ -167,6 +168,9 @@
       put(id, layers[id], now.contacts ? on(id) * estimated : 0);
     }
     if (layers.free) put("free", layers.free, now.name === "touch" ? 0 : on("free") * (1 - truth));
+    for (const id of VIEW) {
+      if (layers[id]) put(id, layers[id], on(id) * estimated);
+    }
     for (const id of ["search", "motion"]) {
       if (layers[id]) put(id, layers[id], now.name === "touch" ? on(id) : 0);
     }
