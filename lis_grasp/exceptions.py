@@ -248,6 +248,11 @@ class InvalidFileError(InvalidInputError):
         super().__init__(message)
         self.path, self.field = path, field
 
+    @classmethod
+    def of(cls, path: Path, reason: str) -> InvalidFileError:
+        """Return the error of a file with a sentence that begins with its path."""
+        return cls(f"{path} {reason}", path=path)
+
 
 class EstimationError(LisGraspError):
     """A surface that could not be estimated or meshed from valid contacts."""

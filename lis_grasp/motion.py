@@ -25,6 +25,11 @@ def arm_body(link: str) -> str:
     return f"arm/{link}"
 
 
+def beside_body(name: str) -> str:
+    """Return the name of a free body beside the object in `Motion.poses`."""
+    return f"beside/{name}"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion(Record):
     """Poses of the bodies of a trial over time, in the world frame W.
@@ -38,7 +43,8 @@ class Motion(Record):
         Shape (T,) [s], strictly increasing.
     poses
         Body name -> shape (T, 4, 4), its pose `X_WB` [m] at each time: every hand link by its
-        name, the object as ``"object"``, and links of an arm as `arm_body`.
+        name, the object as ``"object"``, links of an arm as `arm_body`, and free bodies as
+        `beside_body`.
 
     Raises
     ------

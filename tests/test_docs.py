@@ -28,6 +28,7 @@ GUIDES = (
     "moveit",
     "unknown-place",
     "world",
+    "place",
 )
 UNRUN = {"cluster", "second-simulator"}  # need a cluster, MuJoCo
 

@@ -20,7 +20,7 @@ from lis_grasp.geometry import make_pose
 from lis_grasp.io import provenance
 from lis_grasp.io.option import options_of
 from lis_grasp.logs import Finger, LogFrames, contacts_from_log, open_log
-from lis_grasp.logs.account import account_of
+from lis_grasp.logs.contacts import account_of
 from lis_grasp.logs.joint_frames import with_link_frames
 from lis_grasp.logs.patches import PatchDetection, TactilePatches, contacts_from_patches
 from lis_grasp.logs.reading import PATCHES, TOPICS, LogReading

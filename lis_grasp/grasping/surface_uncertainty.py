@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,9 @@ _FLUSH = 0.0003  # [m]: gaps to the pad that a squeeze closes
 _TOUCHING = 1e-9  # [m]: no normal follows from a shorter distance
 # Least cosine between a motion and a normal that it closes on.
 _NEWTON_STEPS, _GRAZING = 4, 0.2
+
+# Waves of a random field.
+_WAVES = 64
 
 # Correlation length of an estimate's errors, in largest extents: the usual spacing of touches.
 _CORRELATION_FRACTION = 0.25
@@ -81,6 +85,22 @@ class UncertainSurface:
         return points + (units * deviations)[..., None] * normals, unit(
             normals + tilt, least=_TOUCHING
         )
+
+
+def allowed_meshes(
+    mesh: trimesh.Trimesh, count: int, *, rng: np.random.Generator
+) -> Iterator[trimesh.Trimesh]:
+    """Yield surfaces that an estimate allows: its mesh [m], moved along its normals.
+
+    The field of errors is that of `UncertainSurface`, made of random waves (Rahimi and Recht 2007).
+    """
+    surface, normals = UncertainSurface.from_mesh(mesh), np.asarray(mesh.vertex_normals)
+    for _ in range(count):
+        waves = rng.normal(size=(3, _WAVES)) / surface.correlation_length
+        phases = rng.uniform(0.0, 2.0 * np.pi, size=_WAVES)
+        field = np.sqrt(2.0 / _WAVES) * np.cos(mesh.vertices @ waves + phases).sum(axis=1)
+        moved = mesh.vertices + (surface.deviations * field)[:, None] * normals
+        yield trimesh.Trimesh(moved, mesh.faces, process=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from xml.etree.ElementTree import Element, tostring
@@ -34,18 +33,11 @@ _START = 10_000  # bytes in which a model names its extensions
 _Meshes = list[tuple[FloatArray, IntArray]]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Archived:
-    """Content of a 3MF file: its model, and in words what is not part of the model."""
-
-    vertices: FloatArray  # (V, 3), in its unit
-    faces: IntArray  # (F, 3)
-    metres: float  # length of its unit [m]
-    left_out: tuple[str, ...]  # in words
-
-
-def read_3mf(path: Path) -> Archived:
+def read_3mf(path: Path) -> tuple[FloatArray, IntArray, float, tuple[str, ...]]:
     """Return all printed items of a 3MF file at their places, without a slicer's helpers.
+
+    They are vertices (V, 3) and faces (F, 3), the length of the file's unit [m], and in words what
+    is not part of the model.
 
     Raises `ValueError` if it needs an extension beyond materials and production, has no items, or
     has a component inside of itself or a part to subtract.
@@ -93,7 +85,8 @@ def read_3mf(path: Path) -> Archived:
                 printed, kinds = slicer.printed(number, len(corners))
                 others += kinds
                 placed.append((apply_pose(X, vertices), corners[printed]))
-            uses += [(part, number, component, X) for component in _components(element)]
+            components = (each for each in element.iter() if _is(each, "component"))
+            uses += [(part, number, component, X) for component in components]
             size += sum(vertices.nbytes + corners.nbytes for vertices, corners in meshes)
             require_small(size)
             if len(uses) > _MOST_USES:
@@ -105,8 +98,8 @@ def read_3mf(path: Path) -> Archived:
     unit = root.get("unit", "millimeter")
     if unit not in _UNITS_3MF:
         raise ReadError(f"it states the unit {unit}, which 3MF does not have")
-    joined = np.concatenate([v for v, _ in placed])
-    return Archived(joined, np.concatenate(faces), _UNITS_3MF[unit], left_out(others))
+    vertices = np.concatenate([v for v, _ in placed])
+    return vertices, np.concatenate(faces), _UNITS_3MF[unit], left_out(others)
 
 
 def _parsed(text: bytes) -> Element:
@@ -139,10 +132,6 @@ def _transform(text: str | None) -> FloatArray:
         return np.eye(4)
     rows = np.array(text.split(), dtype=np.float64).reshape(4, 3)
     return make_pose(rows[:3].T, rows[3])
-
-
-def _components(element: Element) -> list[Element]:
-    return [each for each in element.iter() if _is(each, "component")]
 
 
 def _meshes(element: Element) -> _Meshes:

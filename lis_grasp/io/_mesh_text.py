@@ -13,7 +13,7 @@ import numpy as np
 
 from lis_grasp.exceptions import note
 from lis_grasp.geometry import tangent_frame, unit
-from lis_grasp.io._ply import read_ply
+from lis_grasp.io._ply import polygons_of, read_ply
 from lis_grasp.io.limits import ReadError
 from lis_grasp.typing import FloatArray, IntArray
 
@@ -242,14 +242,11 @@ def _corners_in_text(content: bytes) -> tuple[FloatArray, bool]:
 
 def read_ply_polygons(path: Path) -> Triangles:
     """Return the vertices and triangles of a PLY file with faces of any numbers of corners."""
-    elements = {element.name: element.data for element in read_ply(path).elements}
+    data = read_ply(path)
+    elements = {element.name: element.data for element in data.elements}
     if "tristrips" in elements and "face" not in elements:
         raise ReadError("it has triangle strips and no faces", "write it with faces")
     if "vertex" not in elements:
         raise ReadError("it has no vertices")
-    vertex, face = elements["vertex"], elements.get("face")
-    names = ("vertex_indices", "vertex_index")
-    name = next((n for n in names if face is not None and n in face.dtype.names), None)
-    vertices = np.column_stack([vertex[axis].astype(np.float64) for axis in "xyz"])
-    rows = [] if face is None or name is None else face[name]
-    return vertices, as_triangles(vertices, [list(map(int, row)) for row in rows])
+    vertices = np.column_stack([elements["vertex"][axis].astype(np.float64) for axis in "xyz"])
+    return vertices, as_triangles(vertices, [list(map(int, row)) for row in polygons_of(data)])

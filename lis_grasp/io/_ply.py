@@ -48,6 +48,16 @@ def read_ply(path: Path) -> PlyData:
             raise ReadError(f"line {error.line} of its header is no PLY") from None
 
 
+def polygons_of(data: PlyData) -> npt.NDArray[Any]:
+    """Return the vertex numbers of faces (F, K), by either name that programs give them.
+
+    If their numbers of corners differ, they are objects (F,).
+    """
+    faces = next((e.data for e in data.elements if e.name == "face" and len(e.data)), None)
+    names = [] if faces is None else [n for n in _TRIANGLES["face"] if n in faces.dtype.names]
+    return np.empty((0, 3), np.int64) if faces is None or not names else faces[names[0]]
+
+
 def _read_columns(path: Path) -> PlyData:
     """Read a text without lists at once; raise ValueError or a warning for every other file."""
     with path.open("rb") as file:

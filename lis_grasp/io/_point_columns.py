@@ -58,18 +58,19 @@ def known_columns(path: Path, names: Iterable[str]) -> dict[str, Column]:
         if text not in _KNOWN:
             unused += [] if _OTHER.fullmatch(text) else [name]
         elif text in found:
-            message = f"{path} has two columns for {text}: {found[text].name} and {name}: keep one"
-            raise InvalidFileError(message, path=path)
+            raise InvalidFileError.of(
+                path, f"has two columns for {text}: {found[text].name} and {name}: keep one"
+            )
         else:
             units = _FACTORS.get(text, {})
             of_length = text in _LENGTHS and {unit, _UNITS.get(unit)} & UNITS.keys()
             factor = 1.0 if of_length else factor_of(path, name, unit, units or UNITS)
             found[text] = Column(name, unit, factor)
     if not {*POINT} & found.keys():
-        raise InvalidFileError(
-            f"{path} must have columns x,y,z, and nx,ny,nz of normals; it has"
+        raise InvalidFileError.of(
+            path,
+            "must have columns x,y,z, and nx,ny,nz of normals; it has"
             f" {', '.join(filter(None, unused)) or 'none of them'}",
-            path=path,
         )
     if unused:
         note(f"{path}: columns that are not used: {', '.join(unused)}")
@@ -80,8 +81,9 @@ def stated_unit(path: Path, columns: Mapping[str, Column]) -> str | None:
     """Return the length unit that names of columns state; None if they do not."""
     units = {columns[name].unit for name in _LENGTHS if name in columns} - {""}
     if len(units) > 1:
-        message = f"{path} has columns in {' and '.join(sorted(units))}: write all in one unit"
-        raise InvalidFileError(message, path=path)
+        raise InvalidFileError.of(
+            path, f"has columns in {' and '.join(sorted(units))}: write all in one unit"
+        )
     return next((_UNITS.get(unit, unit) for unit in units), None)
 
 

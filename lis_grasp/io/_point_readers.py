@@ -37,8 +37,7 @@ def read_rows(path: Path) -> Columns:
     if lines and lines[0].strip().isdecimal():
         count = int(lines.pop(0))
         if count != len(lines):
-            message = f"{path} announces {count} points, and has {len(lines)} rows"
-            raise InvalidFileError(message, path=path)
+            raise InvalidFileError.of(path, f"announces {count} points, and has {len(lines)} rows")
     first = lines[0] if lines else ""
     mark = next((mark for mark in ";," if mark in first), None)
     if mark == "," and all(map(DECIMAL_COMMA.fullmatch, first.split()[:3])):

@@ -59,11 +59,11 @@ def read_contact_file(path: Path) -> dict[str, Any]:
     fields = read_point_file(path)
     del fields["approach"]
     if fields["normals"] is None:
-        message = (
-            f"{path} lacks {', '.join(NORMAL)}; a contact needs an outward normal: load the file"
-            " with surfaces.load_contacts, which estimates them"
+        raise InvalidFileError.of(
+            path,
+            f"lacks {', '.join(NORMAL)}; a contact needs an outward normal: load the file with"
+            " surfaces.load_contacts, which estimates them",
         )
-        raise InvalidFileError(message, path=path)
     return fields
 
 
@@ -113,15 +113,10 @@ def _read_fields(path: Path) -> dict[str, Any]:
 
 def write_contact_file(contacts: Mapping[str, Any], path: Path, *, header: str = "") -> None:
     """Write the fields of `Contacts`; for arguments and errors see `Contacts.save`."""
-    content = _to_ply(contacts, header) if _is_ply(path) else _to_csv(contacts)
-    write_bytes(path, content)
-
-
-def _is_ply(path: Path) -> bool:
     ending = path.suffix.lower()
     if ending not in (".ply", ".csv"):
         raise InvalidFileError(f"contact files end in .ply or .csv; {path} does not", path=path)
-    return ending == ".ply"
+    write_bytes(path, _to_ply(contacts, header) if ending == ".ply" else _to_csv(contacts))
 
 
 def contact_columns(contacts: Mapping[str, Any]) -> dict[str, npt.NDArray[Any]]:
@@ -171,13 +166,13 @@ def _numbers(
     known = known_columns(path, columns)
     lists = [name for name, column in known.items() if columns[column.name].dtype == object]
     if lists:
-        message = f"{path} has lists where {', '.join(lists)} must be numbers"
-        raise InvalidFileError(message, path=path)
+        raise InvalidFileError.of(path, f"has lists where {', '.join(lists)} must be numbers")
     numbers = {n: c.factor * columns[c.name].astype(np.float64) for n, c in known.items()}
     lengths = {len(column) for column in numbers.values()}
     if len(lengths) > 1:
-        message = f"{path} has columns of {' and '.join(map(str, sorted(lengths)))} rows"
-        raise InvalidFileError(message, path=path)
+        raise InvalidFileError.of(
+            path, f"has columns of {' and '.join(map(str, sorted(lengths)))} rows"
+        )
     return numbers, stated_unit(path, known)
 
 
@@ -210,8 +205,11 @@ def _vertices_of_off(path: Path) -> dict[str, npt.NDArray[Any]]:
 
 def _require_no_faces(path: Path, faces: int) -> None:
     if faces:
-        message = f"{path} is a surface of {faces} faces: `lis-grasp grasp {path}` plans on it;"
-        raise InvalidFileError(f"{message} contacts are points alone", path=path)
+        raise InvalidFileError.of(
+            path,
+            f"is a surface of {faces} faces: `lis-grasp grasp {path}` plans on it; contacts are"
+            " points alone",
+        )
 
 
 _READERS = {".pcd": read_pcd, ".npy": read_npy, ".npz": read_npz, ".off": _vertices_of_off}
@@ -221,19 +219,18 @@ def _finger_names(path: Path, comments: Sequence[str], index: FloatArray) -> tup
     """Return each contact's finger by name, or by number if the file has no names."""
     whole = index.astype(np.int64)
     if np.any(whole != index):
-        message = f"{path}: property 'finger' must be whole numbers; some are not"
-        raise InvalidFileError(message, path=path)
+        raise InvalidFileError.of(path, "must have whole numbers as 'finger'; some are not")
     listed = [c[len(_FINGERS) :] for c in comments if c.startswith(_FINGERS)]
     if not listed:
         return tuple(str(i) for i in whole)
     try:
         names = [str(name) for name in json.loads(listed[-1])]
     except (ValueError, TypeError, RecursionError):
-        message = f"{path}: the comment 'fingers' must be a JSON list of names; it is not"
-        raise InvalidFileError(message, path=path) from None
+        raise InvalidFileError.of(path, "must have a JSON list of names as 'fingers'") from None
     if len(whole) and not (whole.min() >= 0 and whole.max() < len(names)):
-        message = f"{path} has a finger {whole.max()}, but names {len(names)} fingers"
-        raise InvalidFileError(message, path=path)
+        raise InvalidFileError.of(
+            path, f"has a finger {whole.max()}, but names {len(names)} fingers"
+        )
     return tuple(names[i] for i in whole)
 
 
@@ -268,8 +265,9 @@ def _load_csv(path: Path) -> dict[str, Any]:
     kinds = cells.get("kind", ["contact"] * len(rows))
     for count, kind in enumerate(kinds, start=1):
         if kind not in ("contact", "free"):
-            message = f"{path}: row {count} is of kind '{kind}', not contact or free"
-            raise InvalidFileError(message, path=path)
+            raise InvalidFileError.of(
+                path, f"has the kind '{kind}' in row {count}, not contact or free"
+            )
 
     def numbers(kind: str, but: Sequence[str]) -> dict[str, FloatArray]:
         wanted = [row for row, own in enumerate(kinds) if own == kind]

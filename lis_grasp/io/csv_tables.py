@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -56,12 +56,12 @@ def factor_of(path: Path, title: str, unit: str, units: Mapping[str, float]) -> 
     return units.get(unit, 1.0)
 
 
-def column_numbers(path: Path, rows: list[list[str]], column: int, name: str) -> FloatArray:
+def column_numbers(path: Path, rows: Sequence[Sequence[str]], column: int, name: str) -> FloatArray:
     """Return a column of a table as numbers, NaN where it is blank."""
     return np.array([cell_number(path, row[column], n + 1, name) for n, row in enumerate(rows)])
 
 
-def numeric_column(rows: list[list[str]], column: int) -> FloatArray | None:
+def numeric_column(rows: Sequence[Sequence[str]], column: int) -> FloatArray | None:
     """Return a column of a table as numbers, NaN where it is blank; None if it has other texts."""
     try:
         return np.array([float(row[column] or "nan") for row in rows])

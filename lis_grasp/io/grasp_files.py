@@ -81,20 +81,11 @@ def read_grasp_file(path: Path, grasp: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _to_plain(grasp: Mapping[str, Any]) -> dict[str, Any]:
-    fingers, *arrays = (grasp[f"contact_{name}s"] for name in _CONTACT)
-    rows = zip(fingers, *(array.tolist() for array in arrays), strict=True)
-    return {
-        "hand": grasp["hand"],
-        "X_OH": grasp["X_OH"].tolist(),
-        "joint_names": list(grasp["joint_names"]),
-        "joint_positions": grasp["joint_positions"].tolist(),
-        "pregrasp_positions": grasp["pregrasp_positions"].tolist(),
-        "approach_O": grasp["approach_O"].tolist(),
-        "contacts": [dict(zip(_CONTACT, row, strict=True)) for row in rows],
-        "quality": dict(grasp["quality"]),
-        "accepted": grasp["accepted"],
-        "family": grasp["family"],
-    }
+    plain = {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in grasp.items()}
+    rows = zip(*(plain[f"contact_{name}s"] for name in _CONTACT), strict=True)
+    plain["quality"] = dict(grasp["quality"])
+    plain["contacts"] = [dict(zip(_CONTACT, row, strict=True)) for row in rows]
+    return {name: plain[name] for name in _Grasp.model_fields}
 
 
 def _fields(entry: _Grasp) -> dict[str, Any]:

@@ -7,23 +7,34 @@ triangles here first, and the result is compared with what the file announces.
 from __future__ import annotations
 
 import io
+import json
 import os
+import re
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import trimesh
 
 from lis_grasp.exceptions import InvalidFileError, LisGraspWarning
-from lis_grasp.io._gltf import require_readable_gltf
 from lis_grasp.io._mesh_archives import plain_dae, read_3mf
 from lis_grasp.io._mesh_text import as_triangles, plain_obj, read_off, read_ply_polygons, read_stl
 from lis_grasp.io.content_kinds import named_by_content, require_kind
-from lis_grasp.io.limits import MOST_BYTES, ReadError, announced_rows, reading
+from lis_grasp.io.limits import (
+    MOST_BYTES,
+    MOST_UNPACKED,
+    ReadError,
+    announced_rows,
+    reading,
+    reason_of,
+    require_file_size,
+)
 from lis_grasp.io.units import require_resolved
 from lis_grasp.typing import FloatArray, IntArray
 
@@ -36,6 +47,9 @@ TO_Z_UP: Mapping[str, FloatArray] = MappingProxyType(
 )
 """Rotations that turn an upward axis to z, with the other axes in COLLADA's order."""
 
+# Of glTF: extensions without shape, and the mode of primitives that are fans.
+_HARMLESS = re.compile("materials|texture|lights|xmp|variants")
+_FAN = 6
 _STL_OR_3MF = "export it as STL or 3MF from"
 _WAYS = {
     f"{_STL_OR_3MF} a CAD program such as FreeCAD": ".step .stp .iges .igs .brep .fcstd",
@@ -127,9 +141,8 @@ def _read(path: Path, ending: str, merge: bool, materials: bool) -> MeshFile:
             vertices, polygons = read_off(path)
             return MeshFile(_mesh(vertices, as_triangles(vertices, polygons), merge))
         case ".3mf":
-            read = read_3mf(path)
-            mesh = _mesh(read.vertices, read.faces, merge)
-            return MeshFile(mesh, read.metres, "z", read.left_out)
+            vertices, faces, metres, others = read_3mf(path)
+            return MeshFile(_mesh(vertices, faces, merge), metres, "z", others)
         case ".ply":
             return MeshFile(_read_ply(path, merge, materials))
         case ".obj":
@@ -138,19 +151,46 @@ def _read(path: Path, ending: str, merge: bool, materials: bool) -> MeshFile:
                 mesh = _load(path, content, merge, materials)
             except IndexError:
                 raise ReadError("a face names a vertex, or a normal, that it lacks") from None
-            return MeshFile(_complete(mesh, announced))
+            if len(mesh.faces) != announced:
+                read = f"{len(mesh.faces)} could be read"
+                raise ReadError(f"it announces {announced} triangles; {read}")
+            return MeshFile(mesh)
         case ".dae":
             content, unit, up = plain_dae(path.read_bytes())
             return MeshFile(_load(path, content, merge, materials), unit, up)
-    require_readable_gltf(path)
+    _require_readable_gltf(path)
     return MeshFile(_load(path, path.read_bytes(), merge, materials), 1.0, "y")
 
 
-def _complete(mesh: trimesh.Trimesh, announced: int) -> trimesh.Trimesh:
-    """Return a mesh; raise ValueError if it lacks triangles that its file announces."""
-    if len(mesh.faces) != announced:
-        raise ReadError(f"it announces {announced} triangles; {len(mesh.faces)} could be read")
-    return mesh
+def _require_readable_gltf(path: Path) -> None:
+    """Raise `ValueError` for a glTF that needs what trimesh does not read, or is no file.
+
+    Raises `InvalidFileError` if a buffer is no file of at most 256 MiB, and OSError if it is
+    missing.
+    """
+    text = path.read_bytes()
+    if path.suffix.lower() == ".glb":
+        if text[:4] != b"glTF":
+            raise ReadError("it has no header of GLB 2")
+        text = text[20 : 20 + int.from_bytes(text[12:16], "little")]  # the first chunk
+    try:
+        header: dict[str, list[Any]] = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ReadError(reason_of(error, "JSON")) from None
+    accessors = header.get("accessors", [])
+    primitives = [part for mesh in header.get("meshes", []) for part in mesh["primitives"]]
+    needed = [n for n in header.get("extensionsRequired", []) if not _HARMLESS.search(n)]
+    needed += ["sparse accessors"] if any("sparse" in each for each in accessors) else []
+    needed += ["triangle fans"] if any(part.get("mode") == _FAN for part in primitives) else []
+    if needed:
+        message = f"it needs {', '.join(needed)}, which are not read"
+        raise ReadError(message, "export plain triangles, without compression")
+    # trimesh fills an accessor without a view with as many zeros as it announces.
+    if sum(each["count"] for each in accessors if "bufferView" not in each) > path.stat().st_size:
+        raise ReadError("it announces more than it has")
+    for uri in (buffer.get("uri", "data:") for buffer in header.get("buffers", [])):
+        if not uri.startswith("data:"):
+            require_file_size(path.parent / unquote(uri), MOST_UNPACKED)
 
 
 def _read_ply(path: Path, merge: bool, materials: bool) -> trimesh.Trimesh:

@@ -20,7 +20,7 @@ from plyfile import PlyElement
 
 from lis_grasp.exceptions import InvalidFileError, InvalidMeshError
 from lis_grasp.io import provenance
-from lis_grasp.io._ply import ply_bytes, ply_element, read_ply
+from lis_grasp.io._ply import ply_bytes, ply_element, polygons_of, read_ply
 from lis_grasp.io.atomic_writing import write_bytes
 from lis_grasp.io.contact_files import POINT_FORMATS
 from lis_grasp.typing import ByteArray, FloatArray, IntArray
@@ -75,7 +75,7 @@ def load_surface(path: Path | str) -> trimesh.Trimesh:
     data = read_ply(path)
     elements = {element.name: element for element in data.elements}
     vertices = _columns(path, elements.get("vertex"), ("x", "y", "z"))
-    faces = _triangles(path, elements.get("face"), len(vertices))
+    faces = _triangles(path, polygons_of(data), len(vertices))
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.metadata["header"] = "\n".join(data.comments)
     if "uncertainty" in elements["vertex"].data.dtype.names:
@@ -181,19 +181,14 @@ def _columns(
     return columns
 
 
-def _triangles(path: Path, element: PlyElement | None, vertices: int) -> IntArray:
-    rows = None if element is None or not len(element.data) else element.data
-    names = ("vertex_indices", "vertex_index")
-    name = next((n for n in names if rows is not None and n in rows.dtype.names), None)
-    if rows is None or name is None:
+def _triangles(path: Path, polygons: npt.NDArray[Any], vertices: int) -> IntArray:
+    if not len(polygons):
         raise no_faces_error(path)
-    lists = rows[name]
-    if lists.dtype == object:  # lengths may differ
-        if any(len(row) != 3 for row in lists):
-            message = f"{path} must have triangles only; some face has another count"
-            raise InvalidFileError(message, path=path)
-        lists = np.array(lists.tolist())
-    faces = lists.astype(np.int64).reshape(-1, 3)
+    if polygons.dtype == object:  # lengths may differ
+        if any(len(row) != 3 for row in polygons):
+            raise InvalidFileError.of(path, "must have triangles only; some face has another count")
+        polygons = np.array(polygons.tolist())
+    faces = polygons.astype(np.int64).reshape(-1, 3)
     if faces.min() < 0 or faces.max() >= vertices:
         message = f"{path}: a face has a vertex index outside of 0 to {vertices - 1}"
         raise InvalidFileError(message, path=path)

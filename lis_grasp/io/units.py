@@ -69,8 +69,9 @@ def in_metres(path: Path, fields: dict[str, Any], units: str | None) -> tuple[di
     """
     stated = fields.pop("units", None)
     if stated is not None and stated not in UNITS:
-        message = f"{path} is in {stated}; units that are read are {', '.join(UNITS)}"
-        raise InvalidFileError(message, path=path)
+        raise InvalidFileError.of(
+            path, f"is in {stated}; units that are read are {', '.join(UNITS)}"
+        )
     metres = chosen_unit(path, None if stated is None else UNITS[stated], units)
     if stated is not None and metres != 1.0:
         note(f"{path}: in {stated}, as its columns state")

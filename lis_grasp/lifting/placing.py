@@ -27,7 +27,7 @@ _LOG = logging.getLogger(__name__)
 
 # Largest speeds of the wrist that carries [m/s, rad/s], and of one that feels for the table [m/s].
 _SPEED, _TURN_SPEED, _FEELING_SPEED = 0.2, 1.0, 0.02
-# Height above the expected contact at which it begins to feel [m].
+# Height above the band of the expected contact at which it begins to feel [m].
 _FEELING_HEIGHT = 0.005
 # Contact is felt when the table carries this fraction of what the hand felt before, averaged over a
 # number of commands at the beginning, and now.
@@ -72,7 +72,7 @@ class Placing:
         goal = placed_wrist(self._setup.X_WB, here, self._plan.motion)
         carry = np.array([0.0, 0.0, self._plan.carry, 0.0, 0.0, 0.0])
         _LOG.info("carry")
-        way = [here + rise, here + carry, goal + carry, goal + _up(_FEELING_HEIGHT)]
+        way = [here + rise, here + carry, goal + carry, self._above(goal)]
         for start, end in pairwise(way):
             self._move(start, end)
         if self._object.touching_links() < 2:
@@ -100,7 +100,7 @@ class Placing:
 
     def _lower(self, goal: FloatArray) -> FloatArray:
         """Lower the object until the table carries a part of it; return the place of the palm."""
-        begin, end = goal + _up(_FEELING_HEIGHT), goal - _up(self._plan.band)
+        begin, end = self._above(goal), goal - _up(self._plan.band)
         path, duration = _at_speed(begin, end, _FEELING_SPEED)
         forces: list[float] = []
         stopped = duration
@@ -122,6 +122,10 @@ class Placing:
         here = path(stopped)[0]
         self._steps.advance(SETTLE_TIME, rest_at(here), self._hold)
         return here
+
+    def _above(self, goal: FloatArray) -> FloatArray:
+        """Return where the hand begins to feel for the table."""
+        return goal + _up(_FEELING_HEIGHT + self._plan.band)
 
     def _release(self, here: FloatArray, retreat: FloatArray, goal: FloatArray) -> None:
         """Open the hand, retreat, and wait until the object rests."""

@@ -16,7 +16,7 @@ from lis_grasp.lifting.wrist_path import displaced, shake_about
 from lis_grasp.robots.hand import Hand
 from lis_grasp.world import Surroundings
 
-LIFT_HEIGHTS = (LIFT, 0.15, 0.2, 0.05, 0.03)
+LIFT_HEIGHTS = (LIFT, 0.15, 0.2, 0.25, 0.3, 0.05, 0.03)
 """Rises of the wrist that are tried in this order where bodies are beside the object [m]."""
 
 _SAMPLES = 400  # of a shake, in which its largest displacement is found

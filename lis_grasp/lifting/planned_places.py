@@ -15,11 +15,13 @@ from lis_grasp.geometry import apply_pose, inverse_pose, make_pose
 from lis_grasp.grasping.body_clearance import BodyClearance
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.lift_path import LIFT_STEP
-from lis_grasp.grasping.surface_uncertainty import PALM_ERROR
-from lis_grasp.lifting.place_plan import PlacePlan
+from lis_grasp.grasping.surface_uncertainty import PALM_ERROR, allowed_meshes
+from lis_grasp.lifting.place_plan import LARGEST_ANGLE, PlacePlan
 from lis_grasp.lifting.placing import placed_wrist
 from lis_grasp.lifting.wrist_path import displaced
+from lis_grasp.robots.body_pairs import outline
 from lis_grasp.robots.hand import Hand
+from lis_grasp.shapes.resting import rest_from, resting_poses
 from lis_grasp.typing import FloatArray
 from lis_grasp.world import Surroundings
 
@@ -29,6 +31,10 @@ _ASIDE, _DIRECTIONS, _TURNS = (0.1, 0.15, 0.2, 0.3, 0.4), 8, 4
 _DEVIATIONS = 2.0
 # Height up to which a table cuts an estimate [m], and depth in which contact is expected [m].
 _CUT, _DEPTH = 0.001, 0.005
+# Resting poses within this angle are one [rad]; least probability of one, and of its staying in a
+# number of surfaces that the estimate allows; largest pitch of the wrist [rad].
+_SAME_POSE, _LEAST_PROBABILITY, _LEAST_STAYS = float(np.deg2rad(10.0)), 0.05, 0.8
+_SAMPLES, _STEEPEST = 20, float(np.deg2rad(80.0))
 # Steps and limit of the gap to a wall that hand and object need [m].
 _GAP_STEP, _LARGEST_GAP = 0.002, 0.15
 # Heights of the way above that of the lift [m], tried in this order.
@@ -48,6 +54,47 @@ class Corner:
     names: tuple[str, str]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Stand:
+    """A pose in which a held object can stand."""
+
+    turn: FloatArray  #: (4, 4), motion from the pose in which it stood before, onto the table
+    stands: float  #: probability that it stays in it, on the surfaces that the estimate allows
+
+    @classmethod
+    def as_before(cls) -> Stand:
+        """Return the pose in which it was seen standing."""
+        return cls(np.eye(4), stands=1.0)
+
+
+def stands_of(
+    mesh: trimesh.Trimesh, support_height: float, *, rng: np.random.Generator
+) -> Iterator[Stand]:
+    """Yield the poses in which an estimated object can stand, the surest first.
+
+    The first is the one in which it was seen standing. The others are resting poses of the mesh
+    that are likely if it is dropped; they stand if they stay within 5 degrees on the surfaces that
+    the estimate allows.
+    """
+    yield Stand.as_before()
+    poses = [
+        pose
+        for pose in resting_poses(mesh, merged=_SAME_POSE)
+        if pose.probability > _LEAST_PROBABILITY and pose.rotation[2, 2] < np.cos(_SAME_POSE)
+    ]
+    downs = [-pose.rotation[2] for pose in poses]
+    stays = np.zeros(len(poses))
+    for allowed in allowed_meshes(mesh, _SAMPLES, rng=rng):
+        stays += [rest_from(allowed, down) @ down > np.cos(LARGEST_ANGLE) for down in downs]
+    for k in np.argsort(-stays, kind="stable"):
+        turn = make_pose(poses[k].rotation)
+        turned, middle = apply_pose(turn, mesh.vertices), mesh.bounds.mean(axis=0)
+        turn[:2, 3] = middle[:2] - 0.5 * (turned.min(axis=0) + turned.max(axis=0))[:2]
+        turn[2, 3] = support_height - turned[:, 2].min()
+        if stays[k] > _LEAST_STAYS * _SAMPLES:
+            yield Stand(turn, float(stays[k]) / _SAMPLES)
+
+
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class PlaceSearch:
     """What a place is planned with: a hand that holds an estimated object, and known bodies.
@@ -64,19 +111,21 @@ class PlaceSearch:
     standoff: float  #: length of the retreat [m]
     margin: float = 0.0  #: error of the bodies' places [m]
 
-    def on_table(self) -> PlacePlan | None:
-        """Return the nearest free place aside; None if there is none."""
+    def on_table(self, stand: Stand) -> PlacePlan | None:
+        """Return the nearest free place aside for a pose; None if there is none."""
         for motion in _aside(self._middle):
-            plan = self._free(motion)
+            plan = self._free(motion @ stand.turn)
             if plan is not None:
-                return plan
+                return replace(plan, stands=stand.stands)
         return None
 
-    def in_corner(self, corner: Corner) -> PlacePlan | None:
+    def in_corner(self, corner: Corner, stand: Stand) -> PlacePlan | None:
         """Return the place nearest to both walls of a corner; None if there is none."""
-        plans = [self._against(corner, turn) for turn in self._flush_turns(corner)]
+        turns = self._flush_turns(corner, stand)
+        plans = [self._against(corner, turn @ stand.turn) for turn in turns]
         found = [plan for plan in plans if plan is not None]
-        return min(found, key=lambda plan: sum(plan.gaps.values()), default=None)
+        best = min(found, key=lambda plan: sum(plan.gaps.values()), default=None)
+        return None if best is None else replace(best, stands=stand.stands)
 
     @cached_property
     def clearance(self) -> BodyClearance:
@@ -89,9 +138,9 @@ class PlaceSearch:
         middle = self.mesh.bounds.mean(axis=0)
         return np.array([middle[0], middle[1], self.support_height])
 
-    def _flush_turns(self, corner: Corner) -> Iterator[FloatArray]:
+    def _flush_turns(self, corner: Corner, stand: Stand) -> Iterator[FloatArray]:
         """Yield turns (4, 4) that bring the smallest rectangle around the object to the walls."""
-        hull = self.mesh.convex_hull.vertices[:, :2]
+        hull = apply_pose(stand.turn, self.mesh.convex_hull.vertices)[:, :2]
         to_rectangle, _ = trimesh.bounds.oriented_bounds_2D(hull)
         angle = np.arctan2(to_rectangle[1, 0], to_rectangle[0, 0])
         wall = np.arctan2(corner.away[0, 1], corner.away[0, 0])
@@ -125,7 +174,10 @@ class PlaceSearch:
         return None
 
     def _plan(self, motion: FloatArray, carry: float) -> PlacePlan:
-        return PlacePlan(motion, carry, _DEPTH)
+        down = -motion[2, :3]
+        # As it stood before, the estimate's lowest point is known: the table was there.
+        band = self.band_toward(down) if self._leans(motion) else 0.0
+        return PlacePlan(motion, carry, _DEPTH + band)
 
     def band_toward(self, direction: FloatArray) -> float:
         """Return how much farther the object may reach along a direction (3,) than estimated [m].
@@ -144,9 +196,15 @@ class PlaceSearch:
 
     def _hit(self, motion: FloatArray, carry: float) -> str | None:
         """Return a body that the hand, or what it holds, hits on the way to a place, or back."""
+        X_OH, q = self.grasp.X_OH, self.grasp.joint_positions
+        if self._leans(motion):
+            if abs(np.arcsin(motion[2, 0])) > _STEEPEST:
+                return "wrist"
+            for posture in (q, self.grasp.pregrasp_positions):
+                if self._lowest_of_hand(motion @ X_OH, posture) < self.support_height:
+                    return "table"
         if not len(self.surroundings):
             return None
-        X_OH, q = self.grasp.X_OH, self.grasp.joint_positions
         way = self._palms(motion, carry)
         hit = self.clearance.hit_by_hand(way, q) or self.clearance.hit_by_object(X_OH, way)
         if hit is not None:
@@ -155,6 +213,19 @@ class PlaceSearch:
         retreat = -self.standoff * (motion[:3, :3] @ self.grasp.approach_O)
         back[:, :3, 3] += np.linspace(0.0, 1.0, len(back))[:, None] * retreat
         return self.clearance.hit_by_hand(back, self.grasp.pregrasp_positions)
+
+    def _leans(self, motion: FloatArray) -> bool:
+        """Return whether a place turns the hand in the vertical, so that it may hit the table."""
+        return bool(motion[2, 2] < np.cos(_SAME_POSE))
+
+    def _lowest_of_hand(self, X_WH: FloatArray, q: FloatArray) -> float:
+        """Return the height of the lowest point of a hand with joints q (J,) [m]."""
+        links, lowest = self.hand.forward_kinematics(X_WH, q), np.inf
+        for geometry in self.hand.link_geometries:
+            points, radius = outline(geometry)
+            at = apply_pose(links[geometry.link] @ geometry.X_LG, points)
+            lowest = min(lowest, float(at[:, 2].min()) - radius)
+        return lowest
 
     def _palms(self, motion: FloatArray, carry: float) -> FloatArray:
         """Return poses (W, 4, 4) of the palm from the place, where it ends, back to the lift."""

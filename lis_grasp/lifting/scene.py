@@ -12,7 +12,7 @@ from lis_grasp.arms.use import ArmUse
 from lis_grasp.lifting.outcome import LARGEST_FORCE_BESIDE
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import WristPath, rest_at
-from lis_grasp.motion import Motion
+from lis_grasp.motion import Motion, beside_body
 from lis_grasp.typing import FloatArray
 
 CONTROL_RATE = 100.0
@@ -224,5 +224,7 @@ class Steps:
 
     def _record(self) -> None:
         self._times.append(self._scene.time)
-        for name, X in self._scene.poses().items():
+        beside = self._scene.poses_beside()
+        poses = {**self._scene.poses(), **{beside_body(n): X for n, X in beside.items()}}
+        for name, X in poses.items():
             self._poses.setdefault(name, []).append(X)

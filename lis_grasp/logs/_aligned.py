@@ -187,12 +187,10 @@ def _root(tree: FrameTree) -> str:
 
 def _related(log: RobotLog, base: str, other: str, times: FloatArray) -> FloatArray:
     """Return poses of the object's base frame in the tip's, (T, 4, 4)."""
-    if base == other:
-        return np.tile(np.eye(4), (len(times), 1, 1))
     tree = log.frames()
-    if not tree.transforms and "" in (base, other):
-        return np.tile(np.eye(4), (len(times), 1, 1))
-    if not base:
+    if "" in (base, other) and not tree.transforms:
+        other = base
+    if base != other and not base:
         raise InvalidInputError(
             f"the tip's poses have no frame, the object's are in '{other}': name the tips' frame"
             f" by `tip_frame`, one of {', '.join(tree.frames)}"
@@ -211,12 +209,14 @@ def _named_frame(
 ) -> FloatArray | None:
     """Return rotations (T, 3, 3) of a frame in O: `tip`, `base` or the log's; None if unknown."""
     name = name.lstrip("/")
-    if name and name in (base, "base") and not (name == "base" and tip == "base"):
+    if not name:
+        return None
+    if name in (base, "base") and (name, tip) != ("base", "base"):
         return X_OP[:, :3, :3]
-    if name and name in (tip, "tip"):
+    if name in (tip, "tip"):
         return X_OT[:, :3, :3]
-    tree = log.frames() if name else FrameTree({})
-    if name and {name, base} <= set(tree.frames):
+    tree = log.frames()
+    if {name, base} <= set(tree.frames):
         return (X_OP @ tree.pose(base, name, times))[:, :3, :3]
     return None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,6 +46,8 @@ class LogColumns:
     values: Mapping[tuple[str, str], FloatArray]  # by body and name; the body of time is empty
     titles: Mapping[tuple[str, str], str]  # as the file names them
     unused: tuple[str, ...]
+    names: Sequence[str]  # of all columns
+    rows: Sequence[Sequence[str]]  # of cells
 
     def has(self, body: str, names: tuple[str, ...]) -> bool:
         """Return whether all of some columns of a body are there."""
@@ -94,7 +96,7 @@ def read_columns(path: Path) -> LogColumns:
         values["", "time"] = seconds + nano * rest
         titles["", "time"] = " and ".join(names[k] for k in stamp)
     unused = (n for k, n in enumerate(names) if meanings[k] is None and k not in stamp)
-    columns = LogColumns(path, values, titles, tuple(unused))
+    columns = LogColumns(path, values, titles, tuple(unused), names, rows)
     there = [axis for axis in POINT if ("object", axis) in values]
     if 0 < len(there) < len(POINT):
         named = ", ".join(titles["object", axis] for axis in there)

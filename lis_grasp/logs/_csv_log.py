@@ -17,7 +17,6 @@ from lis_grasp.io.csv_tables import (
     SECONDS,
     column_numbers,
     factor_of,
-    read_table,
     without_unit,
 )
 from lis_grasp.logs._column_names import (
@@ -65,7 +64,7 @@ class CsvLog(RobotLog):
         if not timed or not self._force or (posed and not columns.has("tip", POINT)):
             raise InvalidFileError(
                 f"a log as CSV needs the columns time, fx,fy,fz or force, and x,y,z of the tip;"
-                f" {path} has {', '.join(read_table(path)[0])}",
+                f" {path} has {', '.join(columns.names)}",
                 path=path,
             )
         title = columns.titles["", "time"]
@@ -109,16 +108,15 @@ class CsvLog(RobotLog):
         Examples are ``elbow``, ``/joint_states/elbow/position`` and ``position.elbow``, and
         ``actual_q_2`` of an arm of UR.
         """
-        titles, rows = read_table(self._path)
         lowered = {name.lower(): name for name in names}
         found: dict[str, list[JointSeries]] = {}
-        for k, title in enumerate(titles):
+        for k, title in enumerate(self._columns.names):
             text, unit = without_unit(title) if title.lower() not in lowered else (title, "")
             parts = set(re.split(r"[./]", text))
             named = (parts & lowered.keys()) or _joints_of(text, lowered.keys())
             for name in named if not _OTHERS & parts else ():
                 factor = factor_of(self._path, title, unit, {**ANGLES, "m": 1.0, "mm": 1e-3})
-                positions = factor * column_numbers(self._path, rows, k, title)
+                positions = factor * column_numbers(self._path, self._columns.rows, k, title)
                 found.setdefault(lowered[name], []).append(
                     JointSeries(title, self._times, positions)
                 )
@@ -162,8 +160,8 @@ class CsvLog(RobotLog):
         if not self._columns.has("tip", POINT) or not np.any(np.diff(self._times) < 0.0):
             return
         path = self._columns.table("tip", POINT)
-        path, times = path[np.isfinite(path).all(axis=1)], self._times
-        times = times[np.isfinite(self._columns.table("tip", POINT)).all(axis=1)]
+        known = np.isfinite(path).all(axis=1)
+        path, times = path[known], self._times[known]
         in_rows, in_time = (
             float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
             for way in (path, path[np.argsort(times, kind="stable")])

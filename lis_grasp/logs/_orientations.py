@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.csv_tables import ANGLES, numeric_column, read_table, without_unit
+from lis_grasp.io.csv_tables import ANGLES, numeric_column, without_unit
 from lis_grasp.logs._column_names import COUNTS, IN_DEGREES, TURNS, Orientation, group_of
 from lis_grasp.logs._columns import LogColumns
 from lis_grasp.typing import FloatArray
@@ -212,7 +212,7 @@ def _by_data(columns: LogColumns, angles: Unit | None) -> list[Turns]:
 
 def _unused_groups(columns: LogColumns) -> Iterator[tuple[tuple[str, ...], FloatArray]]:
     """Yield the names and numbers (T, 3), (T, 4) or (T, 9) of unused columns, each at most once."""
-    names, rows = read_table(columns.path)
+    names, rows = columns.names, columns.rows
     numbers, stems = {}, defaultdict(list)
     for title in columns.unused:
         body, stem, place = group_of(without_unit(title)[0])

@@ -1,14 +1,20 @@
-"""Touches in a robot's log: forces, tip and object brought to the same times and frame."""
+"""Touches in a robot's log, and what of the log they are made of."""
 
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidInputError, InvalidOptionError, LisGraspWarning
+from lis_grasp.exceptions import (
+    InvalidInputError,
+    InvalidOptionError,
+    LisGraspWarning,
+    listed,
+)
 from lis_grasp.exploration.touch_detection import TouchDetection, Touches, contacts_of_touches
 from lis_grasp.logs._aligned import AlignedLog, align
 from lis_grasp.logs._doubts import (
@@ -21,7 +27,7 @@ from lis_grasp.logs._streams import LONGEST_GAP
 from lis_grasp.logs.readers import RobotLog
 from lis_grasp.logs.reading import Finger, LogFrames
 
-__all__ = ["Finger", "LogFrames", "contacts_from_log"]
+__all__ = ["Finger", "LogAccount", "LogFrames", "account_of", "contacts_from_log"]
 
 
 def contacts_from_log(
@@ -118,3 +124,49 @@ def _other_answers(
             if words:
                 found[" and ".join(words)] = each.touches(detection, name)
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class LogAccount:
+    """The used and the unused parts of a log.
+
+    Attributes
+    ----------
+    used
+        The topics or frames of forces, tips and the object, each with its use.
+    unused
+        Topics and columns that no contact depends on.
+    """
+
+    used: tuple[str, ...]
+    unused: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Return one line."""
+        rest = f"; not used: {listed(self.unused)}"
+        return f"used: {'; '.join(self.used)}{rest if self.unused else ''}"
+
+
+def account_of(log: RobotLog, used: Iterable[tuple[str, str, str]]) -> LogAccount:
+    """Return the account of a log.
+
+    Parameters
+    ----------
+    log
+        The log.
+    used
+        Role, topic or frame, and use of each stream.
+    """
+    streams = list(dict.fromkeys(used))
+    kinds = {topic.name: topic.type for topic in log.topics}
+    lines = []
+    for role, name, taken in streams:
+        kind = f" ({kinds[name]})" if name in kinds else " (a frame)"
+        lines.append(f"{role} {name}{kind}{f', {taken}' if taken else ''}")
+    names = {name for _, name, _ in streams}
+    if not names <= kinds.keys():
+        sources = log.frames().sources
+        lines.append(f"frames of {', '.join(sources)}")
+        names |= set(sources)
+    unused = (*(topic.name for topic in log.topics), *log.unused)
+    return LogAccount(tuple(lines), tuple(name for name in unused if name not in names))

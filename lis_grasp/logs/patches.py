@@ -102,8 +102,7 @@ class TactilePatches:
         try:
             return cls(*read_arrays(Path(path), ("heights", "poses", "pitch")).values())
         except (InvalidOptionError, TypeError, ValueError) as error:
-            message = f"{path} has no valid patches: {error}"
-            raise InvalidFileError(message, path=Path(path)) from None
+            raise InvalidFileError.of(Path(path), f"has no valid patches: {error}") from None
 
 
 @record_of_options

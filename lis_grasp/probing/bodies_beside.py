@@ -9,10 +9,11 @@ import numpy as np
 
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import AXES, apply_pose
+from lis_grasp.robots.body_pairs import balls_around
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.link_bodies import balls_inside
-from lis_grasp.robots.robot_model import ProbePosture
+from lis_grasp.robots.robot_model import LinkGeometry, ProbePosture
 from lis_grasp.typing import BoolArray, FloatArray
 from lis_grasp.world import Surroundings
 
@@ -29,13 +30,15 @@ class BodiesBeside:
     """Known bodies beside the object, which a hand in a probe posture keeps off.
 
     They are in W, poses of the hand in the frame E of the probes. Balls inside the links find most
-    hits from the distance to the bodies; FCL finds the others, and frees a motion.
+    hits from the distance to the bodies, balls around them most free poses; FCL decides the others.
     """
 
     def __init__(self, hand: Hand, surroundings: Surroundings) -> None:
         self._hand, self._bodies = hand, surroundings
         self._X_WE = np.eye(4)
-        self._balls = {p.finger: balls_in_links(hand, p) for p in hand.probe_postures.values()}
+        postures = hand.probe_postures.values()
+        self._balls = {p.finger: _balls(hand, p, balls_inside) for p in postures}
+        self._covers = {p.finger: _balls(hand, p, balls_around) for p in postures}
         self._build()
 
     def _build(self) -> None:
@@ -56,6 +59,9 @@ class BodiesBeside:
         """Return whether a hand hits a body at one of the poses (W, 4, 4)."""
         if self.overlaps(posture, path).any():
             return True
+        path = path[self._near(self._covers[posture.finger], path)]
+        if not len(path):
+            return False
         path = self._X_WE @ path
         return bool(self._checker.hit_obstacle(path[None], posture.joint_positions[None])[0])
 
@@ -172,7 +178,10 @@ class BodiesBeside:
 
     def overlaps(self, posture: ProbePosture, poses: FloatArray) -> BoolArray:
         """Return at which poses (..., 4, 4) a ball inside the hand overlaps a body, shape (...)."""
-        balls = self._balls[posture.finger]
+        return self._near(self._balls[posture.finger], poses)
+
+    def _near(self, balls: FloatArray, poses: FloatArray) -> BoolArray:
+        """Return at which poses (..., 4, 4) one of balls (S, 4) in H overlaps a body, (...)."""
         centers = apply_pose(self._X_WE @ poses, balls[:, :3])
         apart = self._bodies.distances(centers.reshape(-1, 3)).min(axis=1)
         return np.asarray((apart.reshape(centers.shape[:-1]) < balls[:, 3]).any(axis=-1))
@@ -186,10 +195,19 @@ def _moved(X: FloatArray, motion: FloatArray) -> FloatArray:
 
 def balls_in_links(hand: Hand, posture: ProbePosture) -> FloatArray:
     """Return balls inside a hand's links in a posture, centres in H and radii [m], (S, 4)."""
+    return _balls(hand, posture, balls_inside)
+
+
+def _balls(
+    hand: Hand,
+    posture: ProbePosture,
+    balls_of: Callable[[LinkGeometry], tuple[FloatArray, FloatArray]],
+) -> FloatArray:
+    """Return balls in or around a hand's links in a posture, (S, 4)."""
     links = hand.forward_kinematics(np.eye(4), posture.joint_positions)
     balls = []
     for geometry in hand.link_geometries:
-        centers, radii = balls_inside(geometry)
+        centers, radii = balls_of(geometry)
         centers_H = apply_pose(links[geometry.link] @ geometry.X_LG, centers)
         balls.append(np.column_stack([centers_H, radii]))
     return np.concatenate(balls)

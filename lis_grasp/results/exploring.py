@@ -66,7 +66,7 @@ def explore_into(
     cloud = agent.cloud_contacts
     thinned = prior_contacts(cloud)
     header = exploration_header(scenario)
-    log = TouchLog(folder / LOG, provenance.parse(header) | exploration_content(task))
+    log = TouchLog(folder / LOG, provenance.parse(header) | exploration_content(scenario))
     recorded, ending = recorded_probes(log, task, progress, fresh=fresh)
     observations = [probe.observation for probe in recorded]
     if not recorded:

@@ -58,8 +58,12 @@ def exploration_header(scenario: Scenario) -> str:
     return provenance.describe(**facts, **poses)
 
 
-def exploration_content(task: Task) -> dict[str, str]:
-    """Return hashes of the code that an exploration runs, and of its files and plug-ins."""
+def exploration_content(scenario: Scenario) -> dict[str, str]:
+    """Return hashes of the code that an exploration runs, and of its files and plug-ins.
+
+    A world counts by its bodies: its files name others.
+    """
+    task, world = scenario.task, scenario.truth.surroundings
     skipped = [_CONFIGURATION]
     if task.decide.until_success is None:  # no grasp is planned
         skipped.append("lis_grasp.grasping")
@@ -67,6 +71,8 @@ def exploration_content(task: Task) -> dict[str, str]:
         skipped.append("lis_grasp.simulation")
     files = {f"{name}_digest": file for name, file in _files(task).items()}
     digests = {name: provenance.digest_of(file) for name, file in files.items()}
+    if len(world):
+        digests["world_digest"] = world.digest
     return {"source": provenance.source_digest(_RUNS, tuple(skipped))} | digests
 
 

@@ -253,10 +253,10 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         " low for this hand",
         "grasp_hits_obstacle": "a link of the closed hand would hit a body beside the object"
         " (`world`)",
-        "lift_hits_obstacle": "the hand would hit a body in the lift or its shake, from 3 to 20 cm"
+        "lift_hits_obstacle": "the hand would hit a body in the lift or its shake, from 3 to 30 cm"
         " high (`world`): there must be room above the hand",
         "carried_hits_obstacle": "the object in the hand would hit a body in the lift or its shake,"
-        " from 3 to 20 cm high (`world`): there must be room beside and above the object",
+        " from 3 to 30 cm high (`world`): there must be room beside and above the object",
         "retreat_hits_obstacle": "the opened hand that lets go of a lost object would hit a body"
         " (`world`): there must be 12 cm behind the hand at the height of the lift",
         "grasp_hits_self": "two links of the closed hand would collide",

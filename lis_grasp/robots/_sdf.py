@@ -76,12 +76,13 @@ class _Model:
             inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             mass = self._number(inertial, "mass", 0.0)
             link.inertial = yourdfpy.Inertial(self._pose_on(name, inertial), mass, inertia)
-        for body in element.findall("collision"):
-            geometry = self._geometry(body.find("geometry"))
-            link.collisions.append(yourdfpy.Collision("", self._pose_on(name, body), geometry))
-        for body in element.findall("visual"):
-            geometry = self._geometry(body.find("geometry"))
-            link.visuals.append(yourdfpy.Visual("", self._pose_on(name, body), geometry))
+        link.collisions, link.visuals = (
+            [
+                made("", self._pose_on(name, body), self._geometry(body.find("geometry")))
+                for body in element.findall(kind)
+            ]
+            for kind, made in (("collision", yourdfpy.Collision), ("visual", yourdfpy.Visual))
+        )
         return link
 
     def _geometry(self, shape: ET.Element | None) -> yourdfpy.Geometry:
@@ -172,25 +173,20 @@ class _Model:
             return self._poses[name]
         if name in below:
             self._fail(f"the pose of '{name}' is given relative to itself")
-        if name in self._links:
-            element, base = self._links[name], "__model__"
-        elif name in self._joints:
-            element, base = self._joints[name], self._joints[name].findtext("child", "").strip()
-        elif name in self._frames:
-            element = self._frames[name]
-            base = element.get("attached_to") or "__model__"
-        else:
+        named = (self._links, self._joints, self._frames)
+        element = next((elements[name] for elements in named if name in elements), None)
+        if element is None:
             self._fail(f"a pose is given relative to '{name}', which is not there")
-        pose = element.find("pose")
-        relative = base if pose is None else pose.get("relative_to") or base
-        self._poses[name] = self._pose(relative, (*below, name)) @ self._own_pose(element)
+        base = element.findtext("child", "").strip() if element.tag == "joint" else "__model__"
+        base = element.get("attached_to") or base  # of a frame
+        self._poses[name] = self._pose(_relative(element) or base, (*below, name)) @ self._own_pose(
+            element
+        )
         return self._poses[name]
 
     def _pose_on(self, link: str, body: ET.Element) -> FloatArray:
         """Return the pose (4, 4) of a body of a link in the link's frame."""
-        pose = body.find("pose")
-        relative = "" if pose is None else pose.get("relative_to", "")
-        if relative in ("", link):
+        if (relative := _relative(body)) in ("", link):
             return self._own_pose(body)
         X_LR = inverse_pose(self._pose(link)) @ self._pose(relative)
         return np.asarray(X_LR @ self._own_pose(body))
@@ -231,3 +227,9 @@ class _Model:
 
     def _fail(self, reason: str) -> NoReturn:
         raise InvalidHandError(f"{self._path}: {reason}", file=self._path.name)
+
+
+def _relative(element: ET.Element) -> str:
+    """Return the frame in which an element's pose is given; empty for the usual one."""
+    pose = element.find("pose")
+    return "" if pose is None else pose.get("relative_to", "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import fcl
@@ -59,8 +60,11 @@ class HandCollisionChecker:
         obstacles: trimesh.Trimesh | None = None,
     ) -> None:
         self._hand = hand
-        self._obstacles = None if obstacles is None else _Obstacles(obstacles)
-        self._object = None if mesh is None else _Object(mesh)
+        self._object = None if mesh is None else _Solid(mesh, [mesh])
+        self._obstacles = None
+        if obstacles is not None:  # they may be open
+            closed = obstacles.split(only_watertight=True, repair=False)
+            self._obstacles = _Solid(obstacles, closed)
         self._floor = None if support_height is None else support_height + clearance
         shapes = [fcl_shape(geometry) for geometry in hand.link_geometries]
         self._bodies = [fcl.CollisionObject(shape, fcl.Transform()) for shape in shapes]
@@ -112,7 +116,7 @@ class HandCollisionChecker:
         hits = []
         for path, poses in zip(paths, self.poses_in_hand(q), strict=True):
             self._pose(poses)
-            hits.append(any(self._hits_obstacle(X, poses) for X in path))
+            hits.append(any(self._meets(self._obstacles, X, poses) for X in path))
         return np.array(hits, dtype=bool)
 
     def clearances(self, X_OH: FloatArray, q: FloatArray) -> FloatArray:
@@ -134,8 +138,9 @@ class HandCollisionChecker:
         A hand wholly inside the object does not meet its surface. `poses` (G, 4, 4) are those of
         `poses_in_hand`; `X_OH` (4, 4) is the pose of the palm in O.
         """
+        assert self._object is not None
         self._pose(X_OH @ poses)
-        return self._meets_surface(pads_may_touch=False)
+        return self._meets_surface(self._object)
 
     def nearest(self, moved: FloatArray) -> NearestLink:
         """Return the link nearest to the object after moving the placed hand by (3,) [m] in O."""
@@ -185,24 +190,13 @@ class HandCollisionChecker:
         for w, (X, height) in enumerate(zip(path, heights, strict=True)):
             if self._floor is not None and height < self._floor:
                 return "support"
-            if self._hits_obstacle(X, in_hand):
+            if self._meets(self._obstacles, X, in_hand):
                 return "obstacle"
-            if self._touches_object(X, in_hand, pads_may_touch=pads_may_touch):
+            if self._meets(self._object, X, in_hand, pads_may_touch=pads_may_touch):
                 return "object"
             if w == 0 and self._self_collisions():
                 return "self"
         return None
-
-    def _hits_obstacle(self, X_OH: FloatArray, in_hand: FloatArray) -> bool:
-        """Return whether the hand at a pose hits an obstacle; its bodies are posed in H."""
-        if self._obstacles is None:
-            return False
-        X_HO = inverse_pose(X_OH)
-        self._obstacles.model.setTransform(fcl.Transform(X_HO[:3, :3], X_HO[:3, 3]))
-        data = fcl.CollisionData()
-        self._manager.collide(self._obstacles.model, data, fcl.defaultCollisionCallback)
-        points = apply_pose(X_OH, apply_pose(in_hand, self._points[:, None])[:, 0])
-        return bool(data.result.is_collision) or self._obstacles.contain_any(points)
 
     def _clearance(self, poses: FloatArray) -> float:
         assert self._object is not None
@@ -213,30 +207,34 @@ class HandCollisionChecker:
         # Without such links it is the largest number; a metre is as good.
         return min(max(float(data.result.min_distance), 0.0), 1.0)
 
-    def _touches_object(
-        self, X_OH: FloatArray, in_hand: FloatArray, *, pads_may_touch: bool
+    def _meets(
+        self,
+        other: _Solid | None,
+        X_OH: FloatArray,
+        in_hand: FloatArray,
+        *,
+        pads_may_touch: bool = False,
     ) -> bool:
-        """Return whether the hand at a pose touches the object; its bodies are posed in H."""
-        if self._object is None:
+        """Return whether the hand at a pose meets a body, if any; its bodies are posed in H."""
+        if other is None:
             return False
         X_HO = inverse_pose(X_OH)  # one body to move, instead of all links
-        self._object.body.setTransform(fcl.Transform(X_HO[:3, :3], X_HO[:3, 3]))
+        other.body.setTransform(fcl.Transform(X_HO[:3, :3], X_HO[:3, 3]))
         try:
-            if self._meets_surface(pads_may_touch=pads_may_touch):
+            if self._meets_surface(other, pads_may_touch=pads_may_touch):
                 return True
         finally:
-            self._object.body.setTransform(fcl.Transform())
+            other.body.setTransform(fcl.Transform())
         inside = apply_pose(in_hand, self._points[:, None])[:, 0]
-        return self._object.inside.any_inside(apply_pose(X_OH, inside))
+        return other.contains_any(apply_pose(X_OH, inside))
 
-    def _meets_surface(self, *, pads_may_touch: bool) -> bool:
-        assert self._object is not None
+    def _meets_surface(self, other: _Solid, *, pads_may_touch: bool = False) -> bool:
         data = fcl.CollisionData()
-        self._manager.collide(self._object.body, data, fcl.defaultCollisionCallback)
+        self._manager.collide(other.body, data, fcl.defaultCollisionCallback)
         if not data.result.is_collision or not pads_may_touch:
             return bool(data.result.is_collision)
         return any(
-            fcl.collide(body, self._object.body, fcl.CollisionRequest(), fcl.CollisionResult())
+            fcl.collide(body, other.body, fcl.CollisionRequest(), fcl.CollisionResult())
             for body, geometry in zip(self._bodies, self._hand.link_geometries, strict=True)
             if geometry.link not in self._pads
         )
@@ -263,24 +261,15 @@ class HandCollisionChecker:
         return pairs - self._hand.self_collision_exclusions
 
 
-class _Object:
-    """The object: its mesh, its body, and its inside."""
+class _Solid:
+    """A mesh that the hand may meet, its body, and the insides of its closed parts."""
 
-    def __init__(self, mesh: trimesh.Trimesh) -> None:
-        self.mesh, self.model, self.inside = mesh, mesh_to_BVH(mesh), InsideTest(mesh)
+    def __init__(self, mesh: trimesh.Trimesh, closed: Iterable[trimesh.Trimesh]) -> None:
+        self.mesh, self.model = mesh, mesh_to_BVH(mesh)
         self.body = fcl.CollisionObject(self.model, fcl.Transform())
+        self._insides = [InsideTest(part) for part in closed]
 
-
-class _Obstacles:
-    """A mesh that may be open, with the insides of its closed parts."""
-
-    def __init__(self, mesh: trimesh.Trimesh) -> None:
-        self.model = fcl.CollisionObject(mesh_to_BVH(mesh), fcl.Transform())
-        self._insides = [
-            InsideTest(part) for part in mesh.split(only_watertight=True, repair=False)
-        ]
-
-    def contain_any(self, points: FloatArray) -> bool:
+    def contains_any(self, points: FloatArray) -> bool:
         """Return whether any of the points (P, 3) [m] is inside a closed part."""
         return any(inside.any_inside(points) for inside in self._insides)
 

@@ -215,10 +215,9 @@ def link_kinematics(model: RobotModel) -> Kinematics:
 
 
 def body_poses(model: RobotModel, q: FloatArray) -> FloatArray:
-    """Return the poses of all bodies in the base link, (N, G, 4, 4), at postures q (N, J)."""
-    kinematics = link_kinematics(model)
-    links = kinematics.poses(np.eye(4), q)
-    return np.stack([links[g.link] @ g.X_LG for g in model.link_geometries], axis=1)
+    """Return the poses of all bodies in the base link, (..., G, 4, 4), at postures q (..., J)."""
+    links = link_kinematics(model).poses(np.eye(4), q)
+    return np.stack([links[g.link] @ g.X_LG for g in model.link_geometries], axis=-3)
 
 
 def _rotated(X: FloatArray, vectors: FloatArray) -> FloatArray:

@@ -84,18 +84,18 @@ def _write(link: ET.Element, form: str, inertial: Inertial) -> None:
     element = ET.Element("inertial")
     link.insert(0, element)
     center = " ".join(f"{value:.8g}" for value in inertial.center_L)
-    matrix = inertial.inertia_L
+    mass = f"{inertial.mass:.8g}"
+    moments = {name: f"{inertial.inertia_L[at]:.8g}" for name, at in _MOMENTS.items()}
     if form == "urdf":
         ET.SubElement(element, "origin", {"xyz": center, "rpy": "0 0 0"})
-        ET.SubElement(element, "mass", {"value": f"{inertial.mass:.8g}"})
-        moments = {name: f"{matrix[at]:.8g}" for name, at in _MOMENTS.items()}
+        ET.SubElement(element, "mass", {"value": mass})
         ET.SubElement(element, "inertia", moments)
         return
     ET.SubElement(element, "pose").text = f"{center} 0 0 0"
-    ET.SubElement(element, "mass").text = f"{inertial.mass:.8g}"
+    ET.SubElement(element, "mass").text = mass
     inertia = ET.SubElement(element, "inertia")
-    for name, at in _MOMENTS.items():
-        ET.SubElement(inertia, name).text = f"{matrix[at]:.8g}"
+    for name, moment in moments.items():
+        ET.SubElement(inertia, name).text = moment
 
 
 def _move(element: ET.Element, form: str, before: Path, after: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from lis_grasp.exceptions import InvalidArmError, InvalidFileError, InvalidHandError, nearest_of
@@ -69,6 +70,13 @@ def model_path(relative: str) -> Path:
     )
 
 
+def _shipped(folder: str, name: str, own: Sequence[str], of_vendors: Sequence[str]) -> Path | None:
+    """Return the YAML file of a robot that the package ships; None for another name."""
+    if name not in (*own, *of_vendors):
+        return None
+    return model_path(f"{folder}/{name if name in own else 'vendors'}/{name}.yaml")
+
+
 def hand_path(path_or_name: str | Path) -> Path:
     """Return the YAML file of a hand of the package or an installed one, or a file that is there.
 
@@ -82,12 +90,8 @@ def hand_path(path_or_name: str | Path) -> Path:
         If its function raises an error.
     """
     name = str(path_or_name)
-    if name in HAND_NAMES:
-        return model_path(f"hands/{name}/{name}.yaml")
-    if name in VENDOR_HANDS:
-        return model_path(f"hands/vendors/{name}.yaml")
     advice = f"`lis-grasp hand new {name}` writes the YAML that describes it"
-    file = find_yaml_file(
+    file = _shipped("hands", name, HAND_NAMES, VENDOR_HANDS) or find_yaml_file(
         name, "hand", example=HAND_NAMES[0], advice=advice, error=InvalidHandError
     )
     if file is not None:
@@ -115,11 +119,7 @@ def arm_path(path_or_name: str | Path) -> Path:
     Raises `InvalidArmError` if there is no such arm.
     """
     name = str(path_or_name)
-    if name in ARM_NAMES:
-        return model_path(f"arms/{name}/{name}.yaml")
-    if name in VENDOR_ARMS:
-        return model_path(f"arms/vendors/{name}.yaml")
-    path = find_yaml_file(
+    path = _shipped("arms", name, ARM_NAMES, VENDOR_ARMS) or find_yaml_file(
         name, "arm", example=ARM_NAMES[0], advice=_ARM_FILE, error=InvalidArmError
     )
     if path is not None:

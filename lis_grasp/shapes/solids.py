@@ -9,6 +9,7 @@ import trimesh
 from lis_grasp.exceptions import require_at_least
 
 _TOLERANCE = 2e-5  # [m], far below the resolution of a trial
+_COARSEST = 2.5e-3  # [m]
 _ADDED_VOLUME = 1.0  # by which convex parts may differ [%]
 
 
@@ -31,6 +32,22 @@ def merge_flat_faces(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     Edges are collapsed as long as the surface moves by less than 0.02 mm (manifold3d); a box of any
     tessellation comes back with 12 triangles. A mesh that is no manifold comes back as it is.
     """
+    return _simplified(mesh, _TOLERANCE)
+
+
+def with_fewer_faces(mesh: trimesh.Trimesh, most: int) -> trimesh.Trimesh:
+    """Return a mesh of nearly the same solid with at most so many triangles, if it is a manifold.
+
+    The tolerance is that of `merge_flat_faces`, doubled until they are so few, up to 5 mm.
+    """
+    tolerance, simple = _TOLERANCE, merge_flat_faces(mesh)
+    while len(simple.faces) > most and tolerance < _COARSEST:
+        tolerance *= 2.0
+        simple = _simplified(mesh, tolerance)
+    return simple
+
+
+def _simplified(mesh: trimesh.Trimesh, tolerance: float) -> trimesh.Trimesh:
     solid = manifold3d.Manifold(
         manifold3d.Mesh(
             vert_properties=np.asarray(mesh.vertices, dtype=np.float32),
@@ -39,7 +56,7 @@ def merge_flat_faces(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     )
     if solid.status() != manifold3d.Error.NoError:
         return mesh
-    simple = solid.simplify(_TOLERANCE).to_mesh()
+    simple = solid.simplify(tolerance).to_mesh()
     merged = trimesh.Trimesh(
         np.asarray(simple.vert_properties[:, :3], dtype=np.float64), simple.tri_verts, process=False
     )
@@ -79,7 +96,7 @@ def convex_parts(
     most
         Largest number of parts.
     voxels
-        Number of voxels of the search: fewer are faster and coarser.
+        Number of voxels of the search: fewer are faster and with_fewer_faces.
 
     Raises
     ------

@@ -66,12 +66,13 @@ class Agent:
         task: Task,
         support_height: float,
         *,
-        space: Workspace | Region | None = None,
         hand: Hand | None = None,
         poses: Mapping[str, Any] = MappingProxyType({}),
+        surroundings: Surroundings | None = None,
     ) -> Agent:
-        """Return the agent of a task whose object is on a plane at a height [m], in a space.
+        """Return the agent of a task whose object is on a plane at a height [m].
 
+        `surroundings` are those in the frame W, if they were read before.
         `hand` is None for the task's. Recorded `poses` (4, 4) are ``X_EA`` of the arm's base, else
         the task's, and ``X_WE`` of the frame of the contacts, else the identity.
 
@@ -82,8 +83,9 @@ class Agent:
         hand = Hand.load(robot.hand) if hand is None else hand
         X_WE = poses.get("X_WE")
         X_WE = np.eye(4) if X_WE is None else require_pose("X_WE", X_WE)
-        true = find_surroundings(task, support_height).in_frame(X_WE)
-        surroundings = believed(true, robot.body_error, task.seed)
+        if surroundings is None:
+            surroundings = find_surroundings(task, support_height)
+        surroundings = believed(surroundings.in_frame(X_WE), robot.body_error, task.seed)
         return Agent(
             robot=robot,
             known=known,
@@ -99,7 +101,7 @@ class Agent:
             load=KnownLoad.of(task),
             surroundings=surroundings,
             X_WE=X_WE,
-        ).placed(space)
+        )
 
     def placed(self, space: Workspace | Region | None) -> Agent:
         """Return the same, knowing that the object is in a space."""
@@ -127,7 +129,7 @@ class Agent:
     def perception(self) -> Perception:
         """The settings of its estimates."""
         height = self.support_height if self.on_table else None
-        settings = Perception.of(self.robot, self.decide, height)
+        settings = Perception.of(self.robot, self.decide, height, self.known_bodies)
         return settings if self.views is None else replace(settings, prior=ViewsPrior(self.views))
 
     @property

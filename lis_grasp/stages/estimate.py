@@ -1,6 +1,7 @@
 """Estimate stage: the surface of an object from contacts, composed once for every caller.
 
     contacts -> judged -> and guesses -> estimator -> less free space -> above the table
+        -> outside of other bodies
 
 `SurfaceEstimate` has each of these parts, made at its first use.
 """
@@ -33,6 +34,7 @@ from lis_grasp.surfaces import ContactVerdicts, Estimator, ImplicitSurface, judg
 from lis_grasp.surfaces.carved_implicit_surface import (
     above_table,
     carved,
+    outside_bodies,
     walls_down_to,
     without,
 )
@@ -55,6 +57,7 @@ from lis_grasp.task.decide import Decide
 from lis_grasp.task.robot import Robot
 from lis_grasp.typing import FloatArray
 from lis_grasp.views import Views
+from lis_grasp.world import KnownBodies
 
 # The unseen side of a seen object is within this fraction of the size of what is known.
 _UNSEEN = 0.25
@@ -81,9 +84,16 @@ class Perception:
     options: Mapping[str, Any] = field(default_factory=dict)  #: further keywords of the estimator
     normals: NormalSide | None = None  #: side to which normals point; None requires outward ones
     prior: Prior = NOTHING  #: known beside the contacts, such as views
+    bodies: KnownBodies | None = None  #: beside the object, in the frame of the contacts
 
     @classmethod
-    def of(cls, robot: Robot, decide: Decide, support_height: float | None) -> Perception:
+    def of(
+        cls,
+        robot: Robot,
+        decide: Decide,
+        support_height: float | None,
+        bodies: KnownBodies | None = None,
+    ) -> Perception:
         """Return a robot's settings for an object on a table at a height [m], or without a table.
 
         Its contacts are simulated, or were checked when they were read: normals are outward.
@@ -95,6 +105,7 @@ class Perception:
             keep_all=decide.keep_all,
             support_height=support_height,
             normals="outward",
+            bodies=bodies,
         )
 
     @cached_property
@@ -210,7 +221,8 @@ class SurfaceEstimate(Record):
             measured = self.credible.append(self.given.seen)
             ends = measured_extents(self.solid, measured, **known.noise)
             surface = without(surface, *self.given.free, *ends)
-        return above_table(surface, known.support_height)
+        surface, bodies = above_table(surface, known.support_height), known.bodies
+        return surface if bodies is None else outside_bodies(surface, bodies.distances, bodies.band)
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:

@@ -11,8 +11,9 @@ from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.lifting.outcome import LiftOptions
 from lis_grasp.lifting.place_plan import PlacePlan
-from lis_grasp.lifting.planned_places import Corner, PlaceSearch
+from lis_grasp.lifting.planned_places import Corner, PlaceSearch, stands_of
 from lis_grasp.stages.agent import Agent
+from lis_grasp.stages.random_streams import Stream
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.typing import FloatArray
 from lis_grasp.world import Body, Surroundings
@@ -29,9 +30,10 @@ def plan_place(
 ) -> PlacePlan | None:
     """Return where an object is to stand that a grasp holds; None if no free place is found.
 
-    Everything is planned on the estimate. The pose is the one in which the object was seen
-    standing. On the table it is the nearest free place at least 10 cm aside; in a corner the place
-    nearest to both walls that leaves room for the estimate's band and for the fingers.
+    Everything is planned on the estimate. On the table it is the nearest free place at least 10 cm
+    aside; in a corner the place nearest to both walls that leaves room for the estimate's band and
+    for the fingers. The object stands as it was seen standing before; where that leaves no place,
+    in another resting pose of the estimate, the surest first.
 
     Examples
     --------
@@ -51,9 +53,13 @@ def plan_place(
         options.standoff,
         agent.robot.body_error,
     )
-    if agent.decide.place == "corner":
-        return search.in_corner(_corner(agent.X_WE, agent.support_height))
-    return search.on_table()
+    corner = _corner(agent.X_WE, agent.support_height)
+    is_corner, rng = agent.decide.place == "corner", Stream.PLACING.rng(agent.seed)
+    for stand in stands_of(estimate, agent.support_height, rng=rng):
+        plan = search.in_corner(corner, stand) if is_corner else search.on_table(stand)
+        if plan is not None:
+            return plan
+    return None
 
 
 def with_place(scenario: Scenario) -> Scenario:

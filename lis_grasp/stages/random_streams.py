@@ -14,7 +14,8 @@ class Stream(IntEnum):
     GRASP = 2
     PLACE = 3
     BODIES = 4
-    VIEW = 5
+    PLACING = 5
+    VIEW = 6
 
     def rng(self, seed: int) -> np.random.Generator:
         """Return the generator of the stream for a seed."""

@@ -116,19 +116,17 @@ class Scenario:
             X_WO = _pose("X_WO", poses.get("X_WO"))
             shape = shape if poses.get("X_WO") is None else placed(shape, X_WO)
         support_height = 0.0 if world.pose is not None else lowest_point(shape)
+        surroundings = find_surroundings(task, support_height)
         agent = Agent.of(
             task,
             support_height,
-            space=_prior_space(shape, task),
             hand=hand,
             poses=poses,
-        )
+            surroundings=surroundings,
+        ).placed(_prior_space(shape, task))
         if recorded is None:
             agent = replace(agent, views=views_of(task, shape, support_height))
-        surroundings = agent.surroundings
-        if task.robot.body_error:
-            surroundings = find_surroundings(task, support_height)
-            surroundings = surroundings.in_frame(_pose("X_WE", poses.get("X_WE")))
+        surroundings = surroundings.in_frame(agent.X_WE)
         if recorded is None:
             require_apart(surroundings, shape)
         mass = default_mass(shape.mesh, world.object) if world.mass is None else world.mass

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Protocol
@@ -27,6 +27,9 @@ _PLACES = np.vstack([np.zeros((1, 3)), AXES, _CORNERS])  # (15, 3)
 
 # Walls that go on down to a table: contacts this near to it [m], normals with such parts upward.
 _NEAR_TABLE, _LARGEST_SLOPE = 0.0135, 0.2
+
+# Step of differences, for the gradient of the distance from a body [m].
+_DIFFERENCE = 1e-6
 
 # An estimate is about a distance: a ball whose centre has a value of this many radii is free.
 _FAR = 1.5
@@ -111,6 +114,28 @@ class BelowTable(FreeSpace, Record):
         """Return depths (P,) [m] and their gradients (P, 3); see `FreeSpace`."""
         down = np.broadcast_to([0.0, 0.0, -1.0], points.shape)
         return self.support_height - points[:, 2], down
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InBodies(FreeSpace, Record):
+    """The space of other bodies that are known, and near them: depth m - d.
+
+    The hand cannot touch a side that a wall hides: there an estimate is extrapolated, at times into
+    the wall.
+    """
+
+    distances: Callable[[FloatArray], FloatArray]  #: d of points (P, 3), (P,) [m], below 0 inside
+    margin: float  #: m, from the bodies [m]
+
+    __repr__ = short_repr
+
+    def depths(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return depths (P,) [m] and their gradients (P, 3), by differences; see `FreeSpace`."""
+        depths, slopes = self.margin - self.distances(points), np.zeros((len(points), 3))
+        for axis, step in enumerate(_DIFFERENCE * np.eye(3)):
+            before, after = (self.distances(points + sign * step) for sign in (-1.0, 1.0))
+            slopes[:, axis] = (before - after) / (2.0 * _DIFFERENCE)
+        return depths, slopes
 
 
 @methods_underflow
@@ -296,3 +321,17 @@ def above_table(surface: ImplicitSurface, support_height: float | None) -> Impli
     if support_height is None:
         return surface
     return without(surface, BelowTable(support_height))
+
+
+def outside_bodies(
+    surface: ImplicitSurface, distances: Callable[[FloatArray], FloatArray], margin: float
+) -> ImplicitSurface:
+    """Return an estimate without what other bodies, a margin [m] thicker, take up.
+
+    `distances` are signed, of points (P, 3), shape (P,) [m]. Where no body is near, the estimate
+    itself is returned.
+    """
+    low, high = surface.bounds
+    if distances(0.5 * (low + high)[None])[0] > 0.5 * np.linalg.norm(high - low) + margin:
+        return surface
+    return without(surface, InBodies(distances, margin))

@@ -34,6 +34,7 @@ TABLE_COLOUR, GRID_COLOUR = "#d2cfc9", "#a9a59d"
 _CONTACT_RADIUS = 0.018
 _NORMAL_LENGTH = 0.15
 _FREE_POINT_RADIUS = 0.007
+_FREE = "free-bodies"  # the layer
 _GLASS = 0.25  # opacity of bodies beside the object
 # Size of a doubted contact, in sizes of the ordinary marker that it covers.
 _BAD_SIZE = 1.4
@@ -84,16 +85,21 @@ def draw_truth(canvas: Canvas, truth: trimesh.Trimesh) -> None:
     canvas.layers.append(Layer("truth", "True object", True, TRUTH_COLOUR, "unknown to the robot"))
 
 
+def free_body_node(number: int) -> str:
+    """Return the node of the free body of a number, which moves in a lift."""
+    return f"{ROOT}/{_FREE}/{number}"
+
+
 def draw_surroundings(canvas: Canvas, surroundings: Surroundings) -> None:
     """Draw the bodies beside the object as glass, fixed ones and free ones as two layers."""
     fixed = [body for body in surroundings if body.is_fixed]
     for layer, title, colour, bodies in (
         ("surroundings", "Fixed bodies", FIXED_COLOUR, fixed),
-        ("free-bodies", "Free bodies", LOOSE_COLOUR, surroundings.free),
+        (_FREE, "Free bodies", LOOSE_COLOUR, surroundings.free),
     ):
         glass = drawing.material(colour, roughness=0.9, opacity=_GLASS)
         for k, body in enumerate(bodies):
-            path = f"{ROOT}/{layer}/{k}"
+            path = free_body_node(k) if layer == _FREE else f"{ROOT}/{layer}/{k}"
             canvas.commands.append(drawing.draw_mesh(path, body.mesh, glass))
         if bodies:
             names = listed([body.name for body in bodies])

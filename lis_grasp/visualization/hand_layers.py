@@ -11,7 +11,7 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.geometry import apply_pose, inverse_pose, make_pose
-from lis_grasp.motion import OBJECT, Motion
+from lis_grasp.motion import OBJECT, Motion, beside_body
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization import _drawing as drawing
 from lis_grasp.visualization._arm_layer import (
@@ -22,10 +22,11 @@ from lis_grasp.visualization._arm_layer import (
     link_looks,
 )
 from lis_grasp.visualization._drawing import OBJECT_NODE, ROOT, Canvas, Layer
-from lis_grasp.visualization._object_layers import draw_table
+from lis_grasp.visualization._object_layers import draw_table, free_body_node
 from lis_grasp.visualization._page import PageContent, build_overlay, build_page, column_major
 from lis_grasp.visualization._story import Story
 from lis_grasp.visualization.camera import CameraView, choose_azimuth, outermost, surface_points
+from lis_grasp.world import ALONE, Surroundings
 
 if TYPE_CHECKING:
     from lis_grasp.arms.station import Station
@@ -86,10 +87,21 @@ def draw_grasps(canvas: Canvas, grasps: Sequence[Grasp]) -> None:
         canvas.layers.append(Layer("together", "All at once", False, LINK_COLOUR, together))
 
 
-def draw_motion(canvas: Canvas, motion: Motion, hand: Hand, station: Station | None = None) -> None:
-    """Add the recorded poses of the object and the hand's links, for playback on demand."""
+def draw_motion(
+    canvas: Canvas,
+    motion: Motion,
+    hand: Hand,
+    station: Station | None = None,
+    surroundings: Surroundings = ALONE,
+) -> None:
+    """Add the recorded poses of all that moves, for playback on demand."""
     times = motion.times - motion.times[0]
     tracks = [(OBJECT_NODE, _since_the_start(motion))]
+    tracks += [
+        (free_body_node(number), _since_the_start(motion, beside_body(body.name)))
+        for number, body in enumerate(surroundings.free)
+        if beside_body(body.name) in motion.poses
+    ]
     tracks += [
         (f"{ROOT}/hand/{number}", motion.poses[link])
         for number, link in enumerate(hand.links)
@@ -183,9 +195,9 @@ def moved_points(motion: Motion, hand: Hand, object_points: FloatArray) -> Float
     return outermost(np.vstack(points))
 
 
-def _since_the_start(motion: Motion) -> FloatArray:
-    """Return the object's motion (T, 4, 4) from its first pose, at which the scene shows it."""
-    poses = motion.poses[OBJECT]
+def _since_the_start(motion: Motion, body: str = OBJECT) -> FloatArray:
+    """Return a body's motion (T, 4, 4) from its first pose, at which the scene shows it."""
+    poses = motion.poses[body]
     return np.asarray(poses @ inverse_pose(poses[0]))
 
 

@@ -282,7 +282,7 @@ class Scene:
         draw_grasps(canvas, grasps)
         best = around = moved = standing = _no_points()
         if motion is not None:
-            draw_motion(canvas, motion, self.hand, station)
+            draw_motion(canvas, motion, self.hand, station, self.surroundings)
             moved = moved_points(motion, self.hand, object_points)
         if postures:
             best = hand_points(self.hand, postures[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -192,6 +193,17 @@ class Surroundings:
         """The bodies that may be pushed."""
         return tuple(body for body in self.bodies if not body.is_fixed)
 
+    @property
+    def digest(self) -> str:
+        """A hash of all bodies and their poses; empty without any."""
+        if not self.bodies:
+            return ""
+        hashed = hashlib.sha256()
+        for body in self.bodies:
+            for part in _content(body):
+                hashed.update(part if isinstance(part, bytes) else repr(part).encode())
+        return hashed.hexdigest()
+
     @cached_property
     def mesh(self) -> trimesh.Trimesh | None:
         """All bodies as one mesh in E [m]; None without any."""
@@ -247,6 +259,16 @@ class Surroundings:
             self.bodies[k].name if row[k] <= band else None
             for k, row in zip(nearest, distances, strict=True)
         ]
+
+
+def _content(body: Body) -> Iterator[bytes | str | float | tuple[Any, ...]]:
+    yield from (body.name, body.friction, body.X_EB.tobytes())
+    if body.inertial is not None:
+        yield body.inertial.mass
+        yield from (body.inertial.center_L.tobytes(), body.inertial.inertia_L.tobytes())
+    for geometry in body.geometries:
+        yield from (geometry.kind, tuple(map(float, geometry.dimensions)), geometry.X_LG.tobytes())
+        yield from (geometry.mesh.vertices.tobytes(), geometry.mesh.faces.tobytes())
 
 
 ALONE = Surroundings()

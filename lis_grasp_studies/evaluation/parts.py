@@ -31,6 +31,7 @@ from lis_grasp_studies.evaluation.exploration import EXPLORATION, ExplorationTri
 from lis_grasp_studies.evaluation.grasp_parts import GraspsPart, SimulatorsPart
 from lis_grasp_studies.evaluation.grasp_tables import ALL, REFERENCE, SUBJECT
 from lis_grasp_studies.evaluation.part import Part, Places, SeedsPart, group_of, interleaved
+from lis_grasp_studies.evaluation.tasks import TasksPart
 from lis_grasp_studies.evaluation.views import ViewsPart
 from lis_grasp_studies.evaluation.worlds import WorldsPart
 from lis_grasp_studies.figures.palette import estimator_label
@@ -256,6 +257,7 @@ AnyPart = (
     | ServicePart
     | FitsPart
     | WorldsPart
+    | TasksPart
     | ViewsPart
 )
 

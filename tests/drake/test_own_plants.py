@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
 from inspect import signature
 from pathlib import Path
@@ -13,15 +14,23 @@ import trimesh
 from diagrams import OwnDiagram
 from numpy.testing import assert_allclose
 from pydrake.common.value import AbstractValue
-from pydrake.geometry import DefaultProximityProperties, SceneGraphConfig
+from pydrake.geometry import (
+    AddCompliantHydroelasticProperties,
+    AddContactMaterial,
+    DefaultProximityProperties,
+    Mesh,
+    ProximityProperties,
+    SceneGraphConfig,
+)
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
 from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
+from lis_grasp import Hand
 from lis_grasp.drake import (
     GraspPlanner,
     HapticExplorer,
@@ -39,6 +48,7 @@ STEP = 0.002
 WSG50 = str(model_path("hands/wsg50/wsg50.urdf"))
 SPACE = Workspace(step=0.03, center=np.zeros(3), size=0.12)
 DOWN = RotationMatrix.MakeXRotation(np.pi)
+PLACES = (-0.04, 0.04)  # of two bodies along the closing direction [m]
 COMPLIANT = (
     "<drake:compliant_hydroelastic/><drake:hydroelastic_modulus>1e7</drake:hydroelastic_modulus>"
 )
@@ -137,6 +147,107 @@ def test_contact_with_the_true_shape_is_exact_and_not_warned_of(tmp_path: Path) 
     felt, named = felt_in_slot(convex, 0.0595)
     assert len(felt)
     assert named == []
+
+
+def test_contact_with_the_hull_of_a_links_own_mesh_is_named(tmp_path: Path) -> None:
+    # A compliant channel on a fingertip is over a post, which is 1 mm in its slot and its hull.
+    channel(tmp_path, COMPLIANT)
+    builder, plant, _ = plant_of()
+    body = add_object(plant, trimesh.creation.box((0.02, 0.02, 0.04)), name="post")
+    plant.WeldFrames(plant.world_frame(), body.body_frame())
+    hand_file = Parser(plant).AddModels(WSG50)[0]
+    tip = plant.GetBodyByName("left_tip", hand_file)
+    properties = ProximityProperties()
+    AddCompliantHydroelasticProperties(0.01, 1e7, properties)
+    AddContactMaterial(friction=CoulombFriction(0.8, 0.8), properties=properties)
+    X_WB = RigidTransform(DOWN, [0.0, 0.0, 0.3])
+    links = Hand.load("wsg50").forward_kinematics(np.eye(4), [0.01, 0.01])
+    X_BT = RigidTransform(np.linalg.inv(links["body"]) @ links["left_tip"])
+    above = RigidTransform(DOWN, [0.0, 0.0, 0.079])  # of the channel, whose rim is at 19 mm
+    X_TC = (X_WB @ X_BT).inverse() @ above
+    mesh = Mesh(str(tmp_path / "u.obj"))
+    plant.RegisterCollisionGeometry(tip, X_TC, mesh, "channel", properties)
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("body", hand_file), X_WB)
+    hand = add_hand(plant, "wsg50", instance=hand_file)
+    plant.Finalize()
+    sensor = builder.AddSystem(TouchSensor(plant, hand, feels=[body], threshold=0.01))
+    results = plant.get_contact_results_output_port()
+    builder.Connect(results, sensor.GetInputPort("contact_results"))
+    simulator = Simulator(builder.Build())
+    hold(plant, simulator, hand)
+    with pytest.warns(InexactContactWarning) as caught:
+        simulator.AdvanceTo(3.0 * STEP)
+    named = {(w.message.link, w.message.body, w.message.method) for w in caught}
+    assert named == {("wsg50::left_tip", "post::post", "hull")}
+    assert "of wsg50::left_tip:" in str(caught[0].message)
+
+
+def test_a_compliant_mesh_of_tetrahedra_is_felt_as_it_is(tmp_path: Path) -> None:
+    path = channel(tmp_path, COMPLIANT)
+    write_vtk(tmp_path / "u.vtk")
+    path.write_text(path.read_text().replace("u.obj", "u.vtk"))
+    for tip, touches in ((0.0595, False), (0.0195, True)):
+        felt, named = felt_in_slot(path, tip)
+        assert named == []
+        assert (len(felt) > 0) == touches
+    # The skin of 1 MPa and the mesh of 10 MPa share a penetration of 0.5 mm.
+    assert_allclose(felt.points[:, 2], 0.0197, atol=3e-4)
+
+
+def write_vtk(path: Path) -> None:
+    """Write the channel of `channel` as tetrahedra on a grid of 10 mm (Kuhn's six of each cube)."""
+    cells = [
+        (i, j, k)
+        for i in range(-4, 4)
+        for j in range(-3, 3)
+        for k in range(6)
+        if k < 2 or i not in (-2, -1, 0, 1)
+    ]
+    numbers: dict[tuple[int, ...], int] = {}
+    rows = []
+    for cell in cells:
+        for order in itertools.permutations(range(3)):
+            corners = [np.array(cell)]
+            for axis in order:
+                corners.append(corners[-1] + np.eye(3, dtype=int)[axis])
+            if np.linalg.det(np.diff(corners, axis=0)) < 0.0:
+                corners[1], corners[2] = corners[2], corners[1]
+            rows.append([numbers.setdefault(tuple(c), len(numbers)) for c in corners])
+    points = "\n".join(" ".join(f"{0.01 * x:.9g}" for x in point) for point in numbers)
+    lines = "\n".join("4 " + " ".join(map(str, row)) for row in rows)
+    path.write_text(
+        "# vtk DataFile Version 3.0\nchannel\nASCII\nDATASET UNSTRUCTURED_GRID\n"
+        f"POINTS {len(numbers)} double\n{points}\nCELLS {len(rows)} {5 * len(rows)}\n{lines}\n"
+        f"CELL_TYPES {len(rows)}\n" + "10\n" * len(rows)
+    )
+
+
+def test_several_bodies_are_felt_at_once_each_where_it_is() -> None:
+    builder, plant, _ = plant_of()
+    block_mesh = trimesh.creation.box((0.02, 0.04, 0.06))
+    bodies = [add_object(plant, block_mesh, name=name) for name in ("one", "two")]
+    X_WG = RigidTransform(DOWN, [0.0, 0.0, 0.03 + 0.075 - 0.0005])
+    hand = add_hand(plant, "wsg50", parent=plant.world_frame(), X_PG=X_WG)
+    for body, x in zip(bodies, PLACES, strict=True):
+        plant.WeldFrames(plant.world_frame(), body.body_frame(), RigidTransform([x, 0.0, 0.0]))
+    plant.Finalize()
+    sensors = {}
+    for names in (("one",), ("two",), ("one", "two")):
+        feels = [body for body in bodies if body.name() in names]
+        sensors[names] = builder.AddSystem(TouchSensor(plant, hand, feels=feels))
+    results = plant.get_contact_results_output_port()
+    for sensor in sensors.values():
+        builder.Connect(results, sensor.GetInputPort("contact_results"))
+    simulator = Simulator(builder.Build())
+    hold(plant, simulator, hand, 0.03)
+    simulator.AdvanceTo(3.0 * STEP)
+    root = simulator.get_context()
+    felt = {n: s.contacts.Eval(s.GetMyContextFromRoot(root)) for n, s in sensors.items()}
+    for name, x in zip(("one", "two"), PLACES, strict=True):
+        assert len(felt[name,])
+        assert (np.abs(felt[name,].points[:, 0] - x) < 0.01 + 1e-6).all()
+    both = {tuple(p) for p in felt["one", "two"].points}
+    assert both == {tuple(p) for name in ("one", "two") for p in felt[name,].points}
 
 
 def test_a_hull_that_cannot_be_seen_in_a_finalized_plant_is_not_passed_over(

@@ -138,3 +138,20 @@ def test_the_option_fresh_explores_again(
     assert main([*arguments, "--fresh"]) == 0
     assert "starting from the beginning, as asked" in capsys.readouterr().out
     assert len(load_outcomes(tmp_path / "touches.jsonl")) == len(before)
+
+
+def test_an_exploration_starts_anew_if_a_model_of_its_world_changed(tmp_path: Path) -> None:
+    model, world = tmp_path / "wall.sdf", tmp_path / "world.dmd.yaml"
+    text = """<sdf version="1.7"><model name="wall"><static>true</static><link name="b">
+    <pose>0 0.3 0.1 0 0 0</pose><collision name="c"><geometry><box><size>0.4 0.02 0.2</size></box>
+    </geometry></collision></link></model></sdf>"""
+    model.write_text(text, encoding="utf-8")
+    world.write_text(
+        f"directives:\n- add_model: {{name: wall, file: {model.as_uri()}}}\n", encoding="utf-8"
+    )
+    folder, options = tmp_path / "results", {"object": "box", "world": str(world)}
+    explored(folder, **options)
+    assert any(line.startswith("using the") for line in explored(folder, **options))
+    model.write_text(text.replace("0 0.3 0.1", "0 0.35 0.1"), encoding="utf-8")
+    again = explored(folder, **options)
+    assert any(line.startswith("starting from the beginning") for line in again)

@@ -16,6 +16,7 @@ from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.lifting import LiftOptions, LiftSetup
 from lis_grasp.lifting.outcome import LARGEST_FORCE_BESIDE
 from lis_grasp.lifting.planned_lifts import choose_lift, permitted_lifts
+from lis_grasp.motion import beside_body
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.lift import simulate_lift
 from lis_grasp.world import ALONE, Body, Surroundings
@@ -64,6 +65,7 @@ def test_a_planned_lift_is_held_without_a_force_on_bodies(bodies: Surroundings, 
     for body in bodies.free:
         # They sink into their soft ground, by less than the 0.1 mm that a second of rest may move.
         assert np.abs(outcome.X_EB[body.name] - body.X_EB).max() < 1e-4
+        assert len(outcome.motion.poses[beside_body(body.name)]) == len(outcome.motion)
 
 
 @pytest.mark.parametrize("name", SIMULATORS)
@@ -77,6 +79,11 @@ def test_a_lift_that_ignores_bodies_stops_at_them_and_is_not_held(
     assert max(outcome.forces.values()) > LARGEST_FORCE_BESIDE
     assert outcome.forces.keys() <= {body.name for body in bodies}
     assert outcome.X_EB.keys() == {body.name for body in bodies.free}
+    recorded = {name for name in outcome.motion.poses if name.startswith(beside_body(""))}
+    assert recorded == set(map(beside_body, outcome.X_EB))
+    for name, X_EB in outcome.X_EB.items():
+        # The motion ends with a frame, a few steps before the end of the trial.
+        assert np.abs(outcome.motion.poses[beside_body(name)][-1] - X_EB).max() < 0.01
 
 
 def test_a_carried_object_that_strikes_a_board_is_not_held() -> None:

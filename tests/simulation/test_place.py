@@ -13,10 +13,17 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.geometry import apply_pose, make_pose
+from lis_grasp.grasping.surface_uncertainty import allowed_meshes
 from lis_grasp.lifting.outcome import LiftOptions
 from lis_grasp.lifting.place_plan import PlacePlan, PlaceReason, errors_of_place, reason_of_place
 from lis_grasp.lifting.placing import placed_wrist
-from lis_grasp.lifting.planned_places import Corner, PlaceSearch, turned_about
+from lis_grasp.lifting.planned_places import (
+    Corner,
+    PlaceSearch,
+    Stand,
+    stands_of,
+    turned_about,
+)
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import displaced
 from lis_grasp.results.placed import PLACE_REASONS
@@ -144,7 +151,7 @@ def test_the_band_of_an_exact_mesh_is_nothing_and_of_a_ball_two_deviations(wsg50
 
 def test_an_exact_box_is_planned_flush_with_the_walls_but_for_the_fingers(wsg50: Hand) -> None:
     walls = corner_walls(-0.05)
-    plan = search(wsg50, box(), walls).in_corner(CORNER)
+    plan = search(wsg50, box(), walls).in_corner(CORNER, Stand.as_before())
     assert plan is not None
     there = apply_pose(plan.motion, box().vertices)
     for axis, name in enumerate(CORNER.names):
@@ -155,11 +162,11 @@ def test_an_exact_box_is_planned_flush_with_the_walls_but_for_the_fingers(wsg50:
 
 
 def test_a_place_keeps_off_known_bodies(wsg50: Hand) -> None:
-    alone = search(wsg50, box()).on_table()
+    alone = search(wsg50, box()).on_table(Stand.as_before())
     assert alone is not None
     np.testing.assert_allclose(alone.motion, make_pose(np.eye(3), (0.1, 0.0, 0.0)), atol=1e-15)
     crate = Surroundings((Body.box("crate", (0.06, 0.3, 0.1), (0.12, 0.0, 0.0)),))
-    beside = search(wsg50, box(), crate).on_table()
+    beside = search(wsg50, box(), crate).on_table(Stand.as_before())
     assert beside is not None
     assert apply_pose(beside.motion, box().vertices)[:, 0].max() < 0.09
 
@@ -179,3 +186,30 @@ def test_what_cannot_be_placed_is_refused(options: dict[str, str]) -> None:
     with pytest.raises(InvalidOptionError) as refused:
         Task.of("box", **options)
     assert refused.value.option == "place"
+
+
+@pytest.mark.slow
+def test_a_box_is_put_on_another_face_that_the_estimate_rests_on(wsg50: Hand) -> None:
+    rng = np.random.default_rng(0)
+    first, *others = stands_of(box(), -0.05, rng=rng)
+    np.testing.assert_array_equal(first.turn, np.eye(4))
+    assert all(stand.stands == 1.0 for stand in others)  # the mesh is exact
+    grasped = search(wsg50, box())
+    plans = [plan for stand in others if (plan := grasped.on_table(stand)) is not None]
+    assert plans  # where neither the hand nor the wrist hits the table
+    outcome = simulate_lift(placing(wsg50, plans[0].motion))
+    assert outcome.place is not None
+    assert outcome.place.reason == "placed"
+    assert outcome.X_WO[2, 2] == pytest.approx(0.0, abs=0.01)
+
+
+def test_surfaces_that_an_estimate_allows_deviate_as_it_says() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.03)
+    ball.vertex_attributes["uncertainty"] = np.full(len(ball.vertices), 0.001)
+    rng, count = np.random.default_rng(0), 200
+    radii = np.array(
+        [np.linalg.norm(m.vertices, axis=1) for m in allowed_meshes(ball, count, rng=rng)]
+    )
+    # Four standard deviations of the deviation of that many normal numbers.
+    assert radii.std(axis=0).mean() == pytest.approx(0.001, rel=4.0 / np.sqrt(2.0 * count))
+    assert abs(radii.mean(axis=0) - 0.03).mean() < 4.0 * 0.001 / np.sqrt(count)

@@ -255,15 +255,32 @@ def test_a_hand_that_would_start_in_a_body_is_blocked_and_the_body_named(wsg50: 
         assert "block_east" in outcome.reason
 
 
-def test_a_concave_mesh_is_felt_inside_and_does_not_press_on_what_is_in_it(wsg50: Hand) -> None:
+def tray() -> Body:
+    """Return a tray of one mesh with its floor as high as the table, and its rim 90 mm higher."""
     outer = trimesh.creation.box((0.4, 0.4, 0.1))
     inner = trimesh.creation.box((0.36, 0.36, 0.1))
     inner.apply_translation((0.0, 0.0, 0.01))
-    tray = trimesh.boolean.difference([outer, inner], engine="manifold")
-    tray.apply_translation((0.0, 0.0, TABLE + 0.05 - 0.01))
-    world = Surroundings((Body.of_mesh("tray", tray),))
+    mesh = trimesh.boolean.difference([outer, inner], engine="manifold")
+    return Body.of_mesh("tray", mesh.apply_translation((0.0, 0.0, TABLE + 0.05 - 0.01)))
+
+
+def test_an_object_that_slides_in_a_concave_mesh_is_stopped_by_its_wall(wsg50: Hand) -> None:
+    scene = scene_with(Surroundings((tray(),)), wsg50, 0.005)
+    scene.place_surroundings({})
+    assert scene.forces_beside() == {}
+    # It has 138 mm to slide to the wall, and would slide 0.4 m: v^2 / (2 mu g).
+    speed = np.array([2.0, 0.0, 0.0])
+    scene.object_joint.set_translational_velocity(scene.context, speed)
+    for _ in range(100):
+        scene.step(of="sliding")
+    X_WO = scene.object_joint.GetPose(scene.context).GetAsMatrix4()
+    assert apply_pose(X_WO, MESH.vertices)[:, 0].max() < 0.18 + 1e-3
+    assert scene.pushes.keys() == {("tray", "object")}
+
+
+def test_a_concave_mesh_is_felt_inside_and_does_not_press_on_what_is_in_it(wsg50: Hand) -> None:
+    world = Surroundings((tray(),))
     prober = DynamicProber(wsg50, MESH, free=ON_TABLE, surroundings=world, known=world)
-    # Its floor is as high as the table, its rim 90 mm higher.
     outcome = prober.probe(Probe(np.array([0.12, 0.1, TABLE]), DOWN, 0.04, 0.02))
     assert outcome.contacts.points[0, 2] == pytest.approx(TABLE, abs=5e-4)
     assert outcome.contacts.normals[0] == pytest.approx([0.0, 0.0, 1.0], abs=0.02)

@@ -33,7 +33,11 @@ from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.stages.estimate import estimate
 from lis_grasp.stages.touch import make_policy
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface, carved, judge_contacts
-from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space, walls_down_to
+from lis_grasp.surfaces.carved_implicit_surface import (
+    depths_in_free_space,
+    outside_bodies,
+    walls_down_to,
+)
 from lis_grasp.typing import FloatArray
 
 RADIUS = 0.04
@@ -51,6 +55,26 @@ WITH_LOBE = Analytic(
 
 def on_ball(directions: FloatArray, **free: npt.ArrayLike) -> Contacts:
     return Contacts(RADIUS * directions, directions, **free)
+
+
+def test_an_estimate_ends_before_a_known_wall() -> None:
+    wall, margin = 0.03, 0.002  # its face at x = 30 mm, inside of the ball of 40 mm
+
+    def distances(points: FloatArray) -> FloatArray:
+        return np.asarray(wall - points[:, 0])
+
+    ball = Analytic(sphere(RADIUS), cube_bounds(0.08), doubt=lambda p: np.full(p.shape[:-1], 1e-3))
+    cut = outside_bodies(ball, distances, margin)
+    mesh = extract_mesh(cut)
+    # Dual contouring is exact on planes; it extrapolates a ball by a fraction of a cell.
+    assert mesh.bounds[1, 0] == pytest.approx(wall - margin, abs=1e-5)
+    assert mesh.bounds[0, 0] == pytest.approx(-RADIUS, abs=1e-4)
+    inside = np.array([[wall - margin, 0.0, 0.0]])
+    assert_allclose(cut.evaluate(inside), 0.0, atol=1e-12)
+    assert_allclose(cut.gradient(inside + [1e-3, 0.0, 0.0]), [[1.0, 0.0, 0.0]], atol=1e-6)
+    # A surface that nobody touched is as unsure as it is deep in the estimate.
+    assert cut.uncertainty(inside + [1e-3, 0.0, 0.0])[0] > 0.01
+    assert outside_bodies(ball, lambda points: distances(points) + 1.0, margin) is ball
 
 
 def some_directions(count: int, seed: int = 0) -> FloatArray:

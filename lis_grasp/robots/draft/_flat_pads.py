@@ -146,21 +146,17 @@ def _largest_face(
     finger: DraftFinger, towards_L: FloatArray, outward_L: FloatArray
 ) -> tuple[float, FingerBody, FloatArray, FloatArray] | None:
     """Return the weighted area, body, normal and middle of a finger's largest uncovered face."""
-    best: tuple[float, FingerBody, FloatArray, FloatArray] | None = None
-    clear: tuple[float, FingerBody, FloatArray, FloatArray] | None = None
+    found: list[tuple[bool, float, FingerBody, FloatArray, FloatArray]] = []
     for body in finger.bodies:
         others = [other.points_L for other in finger.bodies if other is not body]
         hulls = [ConvexHull(p_L) for p_L in others]
         for area, axis, center in _faces(body.points_L, towards_L):
             ways = (hull_crossing(hull.equations, center, axis) for hull in hulls)
-            if any(enters < leaves > _COVERED for enters, leaves in ways):
-                continue
-            if best is None or area > best[0]:
-                best = (area, body, axis, center)
-            recessed = any(_protrudes(p_L, axis, center, outward_L) for p_L in others)
-            if not recessed and (clear is None or area > clear[0]):
-                clear = (area, body, axis, center)
-    return clear or best
+            if not any(enters < leaves > _COVERED for enters, leaves in ways):
+                recessed = any(_protrudes(p_L, axis, center, outward_L) for p_L in others)
+                found.append((not recessed, area, body, axis, center))
+    best = max(found, key=lambda face: face[:2], default=None)
+    return best and best[1:]
 
 
 def _protrudes(

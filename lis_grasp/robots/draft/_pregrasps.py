@@ -280,11 +280,8 @@ def _leading_direction(
 
 
 def _finger_roots(hand: Hand, links: dict[str, FloatArray]) -> FloatArray:
-    roots = []
-    for pad in hand.pads:
-        first = next(j for j in joints_to(hand.joints, pad.link) if j.index >= 0)
-        roots.append(links[first.child][:3, 3])
-    return np.array(roots)
+    chains = (joints_to(hand.joints, pad.link) for pad in hand.pads)
+    return np.array([links[next(j.child for j in c if j.index >= 0)][:3, 3] for c in chains])
 
 
 def _closing_direction(hand: Hand, q: FloatArray) -> FloatArray:

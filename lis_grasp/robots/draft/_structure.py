@@ -270,21 +270,18 @@ def _without_linkages(model: RobotModel, fingers: Sequence[DraftFinger]) -> list
 
     The reach is measured from the first joint that this motor moves.
     """
-    q = np.clip(np.zeros(len(model.joint_names)), model.lower, model.upper)
-    kinematics = link_kinematics(model)
-    poses = kinematics.poses(np.eye(4), q)
+    poses = link_kinematics(model).poses(np.eye(4), np.clip(0.0, model.lower, model.upper))
     reached = {}
     for f in fingers:
         first = next(j for j in joints_to(model.joints, f.link) if j.index == f.motors[-1])
         points = apply_pose(poses[f.link], f.points_L)
         arms = np.linalg.norm(points - poses[first.child][:3, 3], axis=1)
         reached[f.link] = float(arms.max())
-    kept = []
-    for finger in fingers:
-        rivals = [reached[f.link] for f in fingers if f.motors[-1] == finger.motors[-1]]
-        if reached[finger.link] >= _LINKAGE * max(rivals):
-            kept.append(finger)
-    return kept
+    farthest = {
+        motor: max(reached[f.link] for f in fingers if f.motors[-1] == motor)
+        for motor in {f.motors[-1] for f in fingers}
+    }
+    return [f for f in fingers if reached[f.link] >= _LINKAGE * farthest[f.motors[-1]]]
 
 
 def _renamed(fingers: Sequence[DraftFinger]) -> list[DraftFinger]:
@@ -340,22 +337,18 @@ def find_exclusions(
     q = rng.uniform(hand.lower, hand.upper, size=(_SAMPLES, len(hand.joint_names)))
     q[0] = np.clip(0.0, hand.lower, hand.upper)
     ends = rng.spawn(1)[0].uniform(-0.5, 1.5, size=q.shape).clip(0.0, 1.0)  # many at limits
-    chained = {
+    excluded = {
         pair
         for posture in hand.lower + ends * (hand.upper - hand.lower)
         for pair in checker.self_collisions(posture)
         if _are_chained(hand, *pair)
     }
     found = Counter(pair for posture in q for pair in checker.self_collisions(posture))
-    excluded = set(chained)
+    at_rest = checker.self_collisions(q[0])
     for pair, count in found.items():
         joints_between = _movers(hand, pair[0]) ^ _movers(hand, pair[1])
         often = _OFTEN_NEAR if len(joints_between) <= _NEAR else _OFTEN
-        if (
-            len(hand.pads) == 2
-            or count >= often * _SAMPLES
-            or pair in checker.self_collisions(q[0])
-        ):
+        if len(hand.pads) == 2 or count >= often * _SAMPLES or pair in at_rest:
             excluded.add(pair)
     return frozenset(excluded)
 

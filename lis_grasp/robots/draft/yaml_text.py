@@ -25,22 +25,22 @@ def _lines(hand: Hand, urdf: str, edits: DescriptionEdits, notes: Sequence[str])
     yield f"name: {word(hand.name)}"
     yield f"kind: {hand.kind}  # multi_finger: rounded pads; parallel_jaw: two flat parallel pads"
     yield f"urdf: {word(urdf)}"
-    if edits.xacro_args:
-        given = ", ".join(f"{word(k)}: {word(v)}" for k, v in edits.xacro_args.items())
-        yield f"xacro_args: {{{given}}}"
-    if edits.base_link is not None:
-        yield f"base_link: {word(edits.base_link)}  # links before it are left out"
-    if edits.locked_joints:
-        locked = ", ".join(f"{word(k)}: {v:.6g}" for k, v in edits.locked_joints.items())
-        yield f"locked_joints: {{{locked}}}  # do not move"
-    if edits.effort_limits:
-        yield "effort_limits:  # instead of the file's [N m or N]; usual values: check them"
-        yield from (f"  {word(name)}: {v:g}" for name, v in edits.effort_limits.items())
-    if edits.repair:
-        yield "repair: true  # impossible inertias and missing masses are replaced"
-    if edits.convex_parts:
-        links = ", ".join(map(word, edits.convex_parts))
-        yield f"convex_parts: [{links}]  # concave links: several bodies, not one hull"
+    xacro_args = [f"{word(k)}: {word(v)}" for k, v in edits.xacro_args.items()]
+    locked = [f"{word(k)}: {v:.6g}" for k, v in edits.locked_joints.items()]
+    base, parts = word(edits.base_link or ""), ", ".join(map(word, edits.convex_parts))
+    efforts = [f"  {word(name)}: {v:g}" for name, v in edits.effort_limits.items()]
+    efforts.insert(
+        0, "effort_limits:  # instead of the file's [N m or N]; usual values: check them"
+    )
+    optional = {  # what is there if the description is changed so
+        f"xacro_args: {{{', '.join(xacro_args)}}}": xacro_args,
+        f"base_link: {base}  # links before it are left out": edits.base_link,
+        f"locked_joints: {{{', '.join(locked)}}}  # do not move": locked,
+        "\n".join(efforts): edits.effort_limits,
+        "repair: true  # impossible inertias and missing masses are replaced": edits.repair,
+        f"convex_parts: [{parts}]  # concave links: several bodies, not one hull": parts,
+    }
+    yield from (line for line, is_there in optional.items() if is_there)
     yield "# Movable joints in the file's order; a posture has one number for each."
     yield f"joints: [{', '.join(map(word, hand.joint_names))}]"
     yield "# Palm frame H in the base link: z is the approach, x is from the thumb to the fingers."

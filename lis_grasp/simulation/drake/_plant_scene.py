@@ -94,7 +94,7 @@ class PlantScene:
         beside, sensor = self.surroundings, None
         tables = [slab for slab in (support, table) if slab is not None]
         if beside is not None:
-            beside.let_rest(scene_graph, tables)
+            beside.let_rest(scene_graph, obj.geometry, tables)
             pushers: dict[GeometryId, Pusher] = dict.fromkeys(
                 scene_graph.model_inspector().GetAllGeometryIds(Role.kProximity), "arm"
             )

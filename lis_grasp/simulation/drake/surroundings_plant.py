@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
+import trimesh
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
     AddContactMaterial,
@@ -29,7 +30,7 @@ from pydrake.multibody.plant import ContactResults, CoulombFriction, MultibodyPl
 from pydrake.multibody.tree import Joint, RigidBody
 from pydrake.systems.framework import Context
 
-from lis_grasp.robots.robot_model import LinkGeometry
+from lis_grasp.shapes.solids import with_fewer_faces
 from lis_grasp.simulation.drake.contact_patches import patch_forces, point_forces
 from lis_grasp.simulation.drake.link_plant import primitive_shape
 from lis_grasp.simulation.drake.object_plant import (
@@ -47,6 +48,9 @@ Pusher = Literal["hand", "arm", "object"]
 
 _MODULUS = 5e6  # [Pa], of bodies beside the object
 _FACETS = 0.2  # length of a round body's facets, in its radii: they are within 0.5 % of the arc
+_SKIN = 5e-3  # [m], largest depth of a concave mesh's skin
+_LEAST_DEPTH = 1e-4  # [m]; slivers have none
+_MOST_IN_SKIN = 500  # triangles
 _SUNK = 1e-6  # [m] into the ground at the start, so that the first step finds contact
 _TOGETHER = 1e-3  # bodies that are no farther apart at the start [m] stand on or lean on each other
 
@@ -59,7 +63,7 @@ class SurroundingsInPlant:
     plant: MultibodyPlant
     bodies: Mapping[str, RigidBody]
     name_of_geometry: Mapping[GeometryId, str]
-    rigid: frozenset[GeometryId]  # meshes, which meet other meshes by their convex hulls
+    skins: Mapping[GeometryId, tuple[GeometryId, ...]]  # of concave meshes, which are rigid
     grounds: Mapping[str, GeometryId]  # of free bodies
 
     @property
@@ -110,14 +114,25 @@ class SurroundingsInPlant:
                     sums[name, who] = sums.get((name, who), 0.0) + force
         return sums
 
-    def let_rest(self, scene_graph: SceneGraph, not_under: Collection[GeometryId]) -> None:
+    def let_rest(
+        self, scene_graph: SceneGraph, obj: GeometryId, not_under: Collection[GeometryId]
+    ) -> None:
         """Make free bodies rest on their own grounds alone, which carry nothing else.
 
-        Tables of others are `not_under` any body.
+        Tables of others are `not_under` any body. Object and concave meshes are rigid: they meet
+        each other's skins alone.
         """
         declaration = CollisionFilterDeclaration()
         own = list(self.name_of_geometry)
         every = scene_graph.model_inspector().GetAllGeometryIds(Role.kProximity)
+        rigid_meshes = {obj, *self.skins}
+        for mesh, skin in self.skins.items():
+            name = self.name_of_geometry[mesh]
+            meets = {g for g in rigid_meshes if self.name_of_geometry.get(g) != name}
+            declaration.ExcludeBetween(
+                GeometrySet(list(skin)), GeometrySet([g for g in every if g not in meets])
+            )
+            declaration.ExcludeBetween(GeometrySet([mesh]), GeometrySet(list(meets)))
         for name, ground in self.grounds.items():
             others = [g for g in every if self.name_of_geometry.get(g) != name and g != ground]
             declaration.ExcludeBetween(GeometrySet([ground]), GeometrySet(others))
@@ -130,20 +145,26 @@ class SurroundingsInPlant:
     ) -> None:
         """Let bodies pass through each other that stand on or lean on each other now.
 
-        Each has its own ground, so that a stack stays as it is. Drake replaces two meshes that
-        meet by their convex hulls: the object, too, passes through a mesh whose hull it is in.
+        Each has its own ground, so that a stack stays as it is. The object may stand on parts of a
+        skin.
         """
+        parts = {g for skin in self.skins.values() for g in skin}
+        solid = {g: name for g, name in self.name_of_geometry.items() if g not in parts}
         pairs = [
             (first, second)
-            for first, name in self.name_of_geometry.items()
-            for second, other in self.name_of_geometry.items()
+            for first, name in solid.items()
+            for second, other in solid.items()
             if name in self.grounds and (other not in self.grounds or name < other)
         ]
-        limit = dict.fromkeys(pairs, _TOGETHER) | {(obj, mesh): 0.0 for mesh in self.rigid}
+        pairs += [(obj, part) for part in parts]
         declaration = CollisionFilterDeclaration()
-        for (first, second), least in limit.items():
-            pair = query.ComputeSignedDistancePairClosestPoints(first, second)
-            if pair.distance < least:
+        for first, second in pairs:
+            # Of a mesh Drake has the distance from its hull: that of its skin tells more.
+            near = (
+                query.ComputeSignedDistancePairClosestPoints(first, each).distance < _TOGETHER
+                for each in self.skins.get(second, (second,))
+            )
+            if any(near):
                 declaration.ExcludeBetween(GeometrySet([first]), GeometrySet([second]))
         filters.Apply(declaration)
 
@@ -153,22 +174,29 @@ def add_surroundings(plant: MultibodyPlant, surroundings: Surroundings) -> Surro
 
     Fixed ones are welded to W where they are. Free ones float on a ground of their own at the
     height of their lowest point, as soft as their mass and the plant's time step ask for.
-    Primitives and convex meshes are compliant, other meshes rigid, with every detail. The plant is
-    not finalized yet. `surroundings` are in W.
+    Primitives and convex meshes are compliant, other meshes rigid, with every detail. Drake
+    replaces two rigid meshes that meet by their convex hulls: a concave one has a compliant skin,
+    which other rigid meshes meet. The plant is not finalized yet. `surroundings` are in W.
     """
     bodies: dict[str, RigidBody] = {}
     grounds: dict[str, GeometryId] = {}
     names: dict[GeometryId, str] = {}
-    hard: set[GeometryId] = set()
+    skins: dict[GeometryId, tuple[GeometryId, ...]] = {}
     for body in surroundings:
         added = bodies[body.name] = _add_body(plant, body)
-        for number, (shape, X_BG, fineness) in enumerate(_shapes(body)):
-            geometry = plant.RegisterCollisionGeometry(
-                added, X_BG, shape, f"{body.name}_{number}", _properties(body, fineness)
-            )
+
+        def add(part: _Part, number: str, body: Body = body, to: RigidBody = added) -> GeometryId:
+            properties = _properties(body, part.fineness)
+            name = f"{body.name}_{number}"
+            geometry = plant.RegisterCollisionGeometry(to, part.X_BG, part.shape, name, properties)
             names[geometry] = body.name
-            if fineness is None:
-                hard.add(geometry)
+            return geometry
+
+        for number, part in enumerate(_parts(body)):
+            geometry = add(part, f"{number}")
+            if part.fineness is None:
+                skin = enumerate(_skin(part))
+                skins[geometry] = tuple(add(piece, f"{number}_{k}") for k, piece in skin)
         if body.inertial is not None:
             grounds[body.name] = add_ground(
                 plant,
@@ -178,7 +206,7 @@ def add_surroundings(plant: MultibodyPlant, surroundings: Surroundings) -> Surro
                 mass=body.inertial.mass,
                 name=f"ground of {body.name}",
             )
-    return SurroundingsInPlant(surroundings, plant, bodies, names, frozenset(hard), grounds)
+    return SurroundingsInPlant(surroundings, plant, bodies, names, skins, grounds)
 
 
 def _add_body(plant: MultibodyPlant, body: Body) -> RigidBody:
@@ -191,29 +219,54 @@ def _add_body(plant: MultibodyPlant, body: Body) -> RigidBody:
     return plant.AddRigidBody(body.name, instance, inertia)
 
 
-def _shapes(body: Body) -> Iterator[tuple[Shape, RigidTransform, float | None]]:
-    """Yield Drake's shapes of a body with their poses in B, and the length of facets [m].
+class _Part(NamedTuple):
+    """A shape of a body, with its pose in B."""
 
-    It is None for a rigid shape.
-    """
+    shape: Shape
+    X_BG: RigidTransform
+    fineness: float | None  # length of facets [m]; None of a rigid shape
+    mesh: trimesh.Trimesh  # in G
+
+
+def _parts(body: Body) -> Iterator[_Part]:
+    """Yield the shapes of a body: a mesh as its convex parts, or as one rigid mesh."""
     for geometry in body.geometries:
-        X_BG = rigid(geometry.X_LG)
+        X_BG, mesh = rigid(geometry.X_LG), geometry.mesh
         if geometry.kind != "mesh":
-            yield primitive_shape(geometry), X_BG, _FACETS * min(geometry.dimensions)
+            fineness = _FACETS * min(geometry.dimensions)
+            yield _Part(primitive_shape(geometry), X_BG, fineness, mesh)
             continue
-        for shape, compliant in _parts(geometry):
-            yield shape, X_BG, float(geometry.mesh.extents.max()) if compliant else None
+        parts = mesh.split(only_watertight=False, repair=False)
+        if all(part.is_watertight and part.is_convex for part in parts):
+            for part in parts:
+                yield _compliant(part, X_BG, geometry.link)
+        else:
+            yield _Part(Mesh(in_memory(mesh, geometry.link)), X_BG, None, mesh)
 
 
-def _parts(geometry: LinkGeometry) -> Iterator[tuple[Shape, bool]]:
-    """Yield the convex parts of a mesh, and the rest of it as one rigid mesh."""
-    parts = geometry.mesh.split(only_watertight=False, repair=False)
-    convex = [part for part in parts if part.is_watertight and part.is_convex]
-    if len(convex) == len(parts):
-        for part in convex:
-            yield Convex(in_memory(part, geometry.link)), True
-    else:
-        yield Mesh(in_memory(geometry.mesh, geometry.link)), False
+def _compliant(mesh: trimesh.Trimesh, X_BG: RigidTransform, name: str) -> _Part:
+    shape = Convex(in_memory(mesh, name))
+    return _Part(shape, X_BG, float(mesh.extents.max()), mesh)
+
+
+def _skin(part: _Part) -> Iterator[_Part]:
+    """Yield a tetrahedron under each triangle of a mesh, no steeper than 45 degrees.
+
+    So it is inside of a solid whose edges are no sharper than that.
+    """
+    mesh = with_fewer_faces(part.mesh, _MOST_IN_SKIN)
+    corners = np.asarray(mesh.triangles)
+    opposite = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1), axis=2)
+    around = opposite.sum(axis=1)
+    center = np.einsum("fk,fkc->fc", opposite, corners) / around[:, None]  # of the inscribed circle
+    depth = np.minimum(2.0 * mesh.area_faces / around, _SKIN)
+    tops = center - depth[:, None] * mesh.face_normals
+    for triangle, top, deep in zip(corners, tops, depth, strict=True):
+        if deep > _LEAST_DEPTH:
+            tetrahedron = trimesh.Trimesh(
+                [*triangle, top], [[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]], process=False
+            )
+            yield _compliant(tetrahedron, part.X_BG, "skin")
 
 
 def _properties(body: Body, fineness: float | None) -> ProximityProperties:
