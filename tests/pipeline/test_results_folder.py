@@ -304,7 +304,6 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
         "keep_all": True,
         "attempts": 4,
         "closings": 2,
-        "place": "table",
         "simulator": "mujoco",
         "arm": "iiwa14",
         "camera": True,
