@@ -22,6 +22,13 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
             ("session.bag --list", "the topics of a log"),
             ("log.csv --output contacts.csv", "its touches as contacts"),
         ),
+        "see": (
+            ("depth.png --camera camera.yaml --output out", "the object above the table z = 0"),
+            (
+                "depth.npy --camera camera.yaml --mask mask.png",
+                "the pixels of the object are known",
+            ),
+        ),
         "estimate": (
             ("contacts.csv --output out", "columns x,y,z,nx,ny,nz in metres"),
             ("contacts.ply --estimator gpis --position-noise 0.001", "another estimator"),

@@ -43,6 +43,7 @@ _VERBS = (
         "log_contacts",
         "find touches in a robot's log (ROS 1, ROS 2, MCAP, CSV), write contacts",
     ),
+    ("see", "see", "find an object in a depth image, write contacts and what is unknown"),
     ("estimate", "estimate", "estimate a surface from contacts, write surface.ply"),
     ("grasp", "grasp", "plan grasps on a mesh, write grasps.json"),
     ("lift", "lift", "simulate the lift of the true object, write lifts.json"),

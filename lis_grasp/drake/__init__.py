@@ -2,6 +2,7 @@
 
 from lis_grasp._moved import module_names
 from lis_grasp.drake.bodies import add_hand, add_object
+from lis_grasp.drake.depth_viewer import DepthViewer
 from lis_grasp.drake.grasp_planner import GraspPlanner
 from lis_grasp.drake.haptic_explorer import HapticExplorer
 from lis_grasp.drake.surface_estimator import SurfaceEstimator
@@ -9,6 +10,7 @@ from lis_grasp.simulation.drake.touch_sensor import TouchSensor
 from lis_grasp.simulation.drake.world_bodies import surroundings_of
 
 __all__ = [
+    "DepthViewer",
     "GraspPlanner",
     "HapticExplorer",
     "SurfaceEstimator",

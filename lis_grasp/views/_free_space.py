@@ -20,7 +20,7 @@ _NEAR_OBJECT = 6
 # A lone hole: this many of its eight neighbours have a depth.
 _NEIGHBOURS = 6
 # Free space ends so many deviations before what was seen.
-_DEVIATIONS = 2.0
+_DEVIATIONS = 3.0
 # Beyond the camera's far limit: free up to here [m].
 _FAR = 10.0
 
@@ -49,6 +49,8 @@ class SeenFreeSpace(Record):
         lone = hole & (ndimage.convolve((~hole).astype(int), np.ones((3, 3), int)) >= _NEIGHBOURS)
         about = ndimage.binary_dilation(mask, iterations=_NEAR_OBJECT)
         unknown = hole & ~(lone & ~about)
+        # Beside a hole of the object, what is seen may be mixed with the background.
+        unknown |= ndimage.binary_dilation(unknown & about, np.ones((3, 3), bool))
         far = np.minimum(np.where(hole, _FAR, depth), _FAR)
         # A mixed pixel is behind the nearest surface about it.
         ends = ndimage.minimum_filter(far, 3)
@@ -58,7 +60,7 @@ class SeenFreeSpace(Record):
             return cls(
                 ends, blocked, np.full(depth.shape, float(sum(depth.shape))), intrinsics, X_WC
             )
-        beside = ndimage.distance_transform_edt(~blocked) - 0.5
+        beside = ndimage.distance_transform_edt(~blocked) - 1.0
         return cls(ends, blocked, beside, intrinsics, X_WC)
 
     def depths(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -15,7 +15,7 @@ from lis_grasp.geometry import apply_inverse, inverse_pose, require_pose, unit
 from lis_grasp.records import ByValue, Record, read_only
 from lis_grasp.typing import BoolArray, FloatArray
 from lis_grasp.views._free_space import SeenFreeSpace
-from lis_grasp.views._local_planes import LocalPlanes, fit_local_planes
+from lis_grasp.views._local_planes import ImageNoise, LocalPlanes, fit_local_planes
 from lis_grasp.views.camera import HandEye, Intrinsics
 from lis_grasp.views.contour import contour_guesses
 from lis_grasp.views.depth_noise import DepthNoise
@@ -26,6 +26,10 @@ _JUMP, _JUMP_DEVIATIONS = 0.012, 8.0
 _OFF_PLANE = 4.0
 # A surface that faces the camera less, as a cosine, is too oblique to measure.
 _LEAST_FACING = 0.25
+# Errors of places, with those at edges, over the noise of planes.
+_AT_EDGES = 1.15
+# Pixels that contacts are made of: more say nothing new, because the noise of neighbours is alike.
+_MOST_PIXELS = 2500
 # Least deviation of a normal [rad]: planes in an image have curvature.
 _LEAST_NORMAL_NOISE = 0.02
 
@@ -114,7 +118,11 @@ class DepthView(ByValue, Record):
         if not len(rows):
             return Contacts.empty()
         inverse = np.where(self._usable, 1.0 / self.depth, np.nan)
-        planes = fit_local_planes(inverse, rows, columns, self.noise.rough)
+        stride = int(np.ceil(np.sqrt(len(rows) / _MOST_PIXELS)))
+        grid = (rows % stride == 0) & (columns % stride == 0)
+        rows, columns = rows[grid], columns[grid]
+        noise = ImageNoise(self.noise.rough, self.noise.correlated_pixels, self.intrinsics.fx)
+        planes = fit_local_planes(inverse, rows, columns, noise)
         return self._contacts_of(planes, self.intrinsics.rays_at(columns, rows))
 
     def posed(self, X_WC: FloatArray) -> DepthView:
@@ -174,9 +182,9 @@ class DepthView(ByValue, Record):
         points = depths[:, None] * rays
         across = -np.einsum("nk,nk->n", normals, rays)  # depth along the normal, of depth 1
         facing = across / np.linalg.norm(rays, axis=1)
-        common = np.minimum(self.noise.correlated_pixels * planes.spreads[:, 0, 0], 1.0)
-        inverse_noise = np.sqrt(self.noise.rough**2 * common + self.noise.smooth**2)
-        position_noise = inverse_noise * depths**2 * across
+        rough = np.minimum(planes.covariances[:, 0, 0], self.noise.rough**2)
+        inverse_noise = np.sqrt(rough + self.noise.smooth**2)
+        position_noise = _AT_EDGES * inverse_noise * depths**2 * across
         tolerated = _OFF_PLANE * np.maximum(self.noise.rough, 1e-4 * planes.values)
         good = planes.found & (facing > _LEAST_FACING) & (np.abs(planes.residuals) < tolerated)
         good &= planes.values > 0.0
@@ -204,7 +212,7 @@ def _normals_of(
     turn[:, 0, 1], turn[:, 1, 2] = camera.fx, camera.fy
     turn[:, 2, 0], turn[:, 2, 1:] = 1.0, -rays[:, :2] * focal
     smooth = noise.smooth**2 * np.array([1.0, *[0.5 / noise.smooth_length**2] * 2])
-    covariance = noise.rough**2 * noise.correlated_pixels * planes.spreads
+    covariance = planes.covariances.copy()
     covariance[:, np.arange(3), np.arange(3)] += smooth
     covariance = turn @ covariance @ turn.transpose(0, 2, 1)
     trace = np.trace(covariance, axis1=1, axis2=2)

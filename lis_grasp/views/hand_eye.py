@@ -8,7 +8,7 @@ prior: the covariance says so.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,7 +23,7 @@ from lis_grasp.geometry import (
     unit,
 )
 from lis_grasp.records import Record
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import FloatArray, IndexArray
 from lis_grasp.views.camera import HandEye, small_motion
 from lis_grasp.views.depth_view import DepthView
 from lis_grasp.views.object_mask import heights_above_table
@@ -36,6 +36,12 @@ _TOUCH_NOISE, _PLANE_ERROR = 0.0005, 0.0005
 _FAR, _NEAR, _PARALLEL = 3.0, 0.006, 0.7
 # Positions [m] and normals that are equally far apart; contacts that are a seen plane.
 _CELL, _NORMAL_CELL, _NEIGHBOURS = 0.008, 0.4, 10
+# A touch is not explained: deviations from the plane, depth in free space [m], deviations of it.
+_UNEXPLAINED, _CLEARLY_FREE, _DEVIATIONS = 5.0, 0.004, 3.0
+# A view is refuted by so many touches, and this fraction of those that concern it.
+_FEWEST, _FRACTION = 2, 0.2
+# Chi squared with six degrees of freedom is above this once in 25 000 times.
+_SURPRISING = 30.0
 # Degrees of freedom of Student's t, and rounds.
 _DEGREES, _ROUNDS = 4.0, 10
 
@@ -46,7 +52,16 @@ class Calibration(Record):
 
     X_WC: FloatArray  #: (4, 4) pose of the camera, corrected
     covariance: FloatArray  #: (6, 6) of a rotation vector [rad] and a translation [m] in C
-    touches: int  #: number of touches of seen surface that were used
+    touches: int = 0  #: number of touches of seen surface, or of space that is seen to be free
+    contradicting: int = 0  #: number of these that are not explained by any likely pose
+    #: squared deviation of the corrections from their prior, in the prior's deviations
+    surprise: float = 0.0
+
+    @property
+    def is_refuted(self) -> bool:
+        """Whether touches contradict the view: its pose is wrong, or the object was moved."""
+        wrong = self.contradicting >= max(_FEWEST, _FRACTION * self.touches)
+        return wrong or (self.touches >= _FEWEST and self.surprise > _SURPRISING)
 
     def displacement_covariance(self, points: FloatArray) -> FloatArray:
         """Return the covariance of the places of points (P, 3) [m] in W, (P, 3, 3) [m^2]."""
@@ -90,55 +105,81 @@ def calibrate(
     view: DepthView, sight: Sight, touches: Contacts, support_height: float | None
 ) -> Calibration:
     """Return the pose of a view's camera, given the table and touches (N contacts, in W)."""
+    parameters, normal, X_WC = np.zeros(6), np.eye(6), view.X_WC
     if view.hand_eye.is_exact:
-        return Calibration(view.X_WC, np.zeros((6, 6)), 0)
+        matched = _matched(view.hand_eye, sight, X_WC, touches)
+        return _doubted(view, Calibration(X_WC, np.zeros((6, 6))), matched, touches)
     prior = np.diag(1.0 / np.maximum(view.hand_eye.deviations, 1e-9) ** 2)
     height = 0.0 if support_height is None else support_height
-    parameters, used = np.zeros(6), 0
     for _ in range(_ROUNDS):
         X_WC = view.X_WC @ small_motion(parameters)
-        rows, residuals, deviations, used = _equations(view.hand_eye, sight, X_WC, touches, height)
-        scaled = residuals / deviations
-        weights = (_DEGREES + 1.0) / (_DEGREES + scaled**2) / deviations**2
+        matched = _matched(view.hand_eye, sight, X_WC, touches)
+        up = np.broadcast_to(rotate_back(X_WC, np.array([0.0, 0.0, 1.0])), sight.table.shape)
+        rows = np.vstack([np.hstack([cross(sight.table, up), up]), matched.rows])
+        heights = apply_pose(X_WC, sight.table)[:, 2] - height
+        residuals = np.concatenate([-heights, matched.residuals])
+        deviations = np.concatenate([sight.table_noise, matched.deviations])
+        weights = (_DEGREES + 1.0) / (_DEGREES + (residuals / deviations) ** 2) / deviations**2
         normal = prior + (rows * weights[:, None]).T @ rows
-        step = np.linalg.solve(normal, (rows * weights[:, None]).T @ residuals - prior @ parameters)
-        parameters = parameters + step
+        right = (rows * weights[:, None]).T @ residuals - prior @ parameters
+        parameters = parameters + np.linalg.solve(normal, right)
     X_WC = view.X_WC @ small_motion(parameters)
-    return Calibration(X_WC, np.asarray(np.linalg.inv(normal)), used)
+    surprise = float(parameters @ prior @ parameters)
+    found = Calibration(X_WC, np.asarray(np.linalg.inv(normal)), surprise=surprise)
+    matched = _matched(view.hand_eye, sight, X_WC, touches)
+    return _doubted(view, found, matched, touches)
 
 
-def _equations(
-    prior: HandEye, sight: Sight, X_WC: FloatArray, touches: Contacts, height: float
-) -> tuple[FloatArray, FloatArray, FloatArray, int]:
-    """Return rows (M, 6), residuals (M,) and deviations (M,) of the linear equations of a step.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Matched:
+    """Touches that are next to seen surface, M of N, and their linear equations in C."""
 
-    Returns the number of touches of seen surface, too.
+    rows: FloatArray  # (M, 6) of a rotation vector and a translation
+    residuals: FloatArray  # (M,) [m], outside of the seen plane if positive
+    deviations: FloatArray  # (M,) [m]
+    touches: IndexArray  # (M,)
+
+
+def _matched(prior: HandEye, sight: Sight, X_WC: FloatArray, touches: Contacts) -> _Matched:
+    if sight.tree is None or not len(touches):
+        none = np.empty(0)
+        return _Matched(np.empty((0, 6)), none, none, np.empty(0, dtype=np.intp))
+    points = apply_inverse(X_WC, touches.points)
+    normals = rotate_back(X_WC, touches.normals)
+    count = min(_NEIGHBOURS, len(sight.points))
+    near = np.reshape(sight.tree.query(_places(points, normals), k=count)[1], (-1, count))
+    middle, across = sight.points[near].mean(axis=1), unit(sight.normals[near].mean(axis=1))
+    noise = np.full(len(points), _TOUCH_NOISE)
+    if touches.position_noise is not None:
+        noise = np.where(np.isnan(touches.position_noise), noise, touches.position_noise)
+    reach = _FAR * np.hypot(prior.position, prior.rotation * np.abs(points[:, 2])) + _NEAR
+    ok = np.linalg.norm(points - middle, axis=1) < reach
+    ok &= np.einsum("nk,nk->n", across, normals) > _PARALLEL
+    chosen = np.flatnonzero(ok)
+    middle, across, seen = middle[ok], across[ok], sight.noise[near[ok]].mean(axis=1)
+    return _Matched(
+        np.hstack([cross(middle, across), across]),
+        np.einsum("nk,nk->n", across, points[ok] - middle),
+        np.sqrt(noise[ok] ** 2 + seen**2 + _PLANE_ERROR**2),
+        chosen,
+    )
+
+
+def _doubted(
+    view: DepthView, found: Calibration, matched: _Matched, touches: Contacts
+) -> Calibration:
+    """Return a calibration with the number of touches that it does not explain.
+
+    They are far from the seen surface next to them, or in space that is seen to be free.
     """
-    up = rotate_back(X_WC, np.array([0.0, 0.0, 1.0]))
-    heights = apply_pose(X_WC, sight.table)[:, 2] - height
-    ups = np.broadcast_to(up, sight.table.shape)
-    rows = [np.hstack([cross(sight.table, ups), ups])]
-    residuals, deviations = [-heights], [sight.table_noise]
-    used = 0
-    if sight.tree is not None and len(touches):
-        points = apply_inverse(X_WC, touches.points)
-        normals = rotate_back(X_WC, touches.normals)
-        count = min(_NEIGHBOURS, len(sight.points))
-        _, near = sight.tree.query(_places(points, normals), k=count)
-        near = np.asarray(near).reshape(len(points), count)
-        middle, across = sight.points[near].mean(axis=1), unit(sight.normals[near].mean(axis=1))
-        noise = np.full(len(points), _TOUCH_NOISE)
-        if touches.position_noise is not None:
-            noise = np.where(np.isnan(touches.position_noise), noise, touches.position_noise)
-        reach = _FAR * np.hypot(prior.position, prior.rotation * np.abs(points[:, 2])) + _NEAR
-        ok = np.linalg.norm(points - middle, axis=1) < reach
-        ok &= np.einsum("nk,nk->n", across, normals) > _PARALLEL
-        used = int(np.count_nonzero(ok))
-        rows.append(np.hstack([cross(middle, across), across])[ok])
-        residuals.append(np.einsum("nk,nk->n", across, points - middle)[ok])
-        seen = sight.noise[near].mean(axis=1)
-        deviations.append(np.sqrt(noise**2 + seen**2 + _PLANE_ERROR**2)[ok])
-    return np.concatenate(rows), np.concatenate(residuals), np.concatenate(deviations), used
+    if not len(touches):
+        return found
+    wrong = np.zeros(len(touches), dtype=bool)
+    wrong[matched.touches] = np.abs(matched.residuals) > _UNEXPLAINED * matched.deviations
+    depths, _ = view.posed(found.X_WC).depths(touches.points)
+    wrong |= depths > _CLEARLY_FREE + _DEVIATIONS * found.displacement(touches.points)
+    relevant = np.union1d(matched.touches, np.flatnonzero(wrong))
+    return replace(found, touches=len(relevant), contradicting=int(np.count_nonzero(wrong)))
 
 
 def _places(points: FloatArray, normals: FloatArray) -> FloatArray:

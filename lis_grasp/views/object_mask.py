@@ -15,6 +15,8 @@ from lis_grasp.views.depth_view import DepthView
 _LOWEST, _DEVIATIONS = 0.003, 2.5
 # An object, or a table, has so many pixels.
 _FEWEST = 30
+# Of these, so many are clearly above the table, by this multiple.
+_FEW, _CLEARLY = 10, 2.0
 # The table is looked for this far from where the pose of the camera says [m].
 _NEAR_TABLE = 0.04
 # Rounds of the robust plane, and deviations of pixels on it.
@@ -60,6 +62,9 @@ def segment_object(
             above &= height <= high[2] - support_height
     parts, count = ndimage.label(above)
     sizes = np.bincount(parts.ravel(), minlength=count + 1)
+    with np.errstate(invalid="ignore"):
+        clearly = np.bincount(parts[above & (height > _CLEARLY * least)], minlength=count + 1)
+    sizes[clearly < _FEW] = 0  # noise
     sizes[0] = 0
     border = np.unique(np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]]))
     if bounds is None and len(np.setdiff1d(np.flatnonzero(sizes >= _FEWEST), border)):

@@ -18,10 +18,9 @@ from lis_grasp.typing import BoolArray, FloatArray
 from lis_grasp.views.depth_view import DepthView
 from lis_grasp.views.hand_eye import Calibration, Sight, calibrate
 
-# Touches contradict a view that shows them to be in free space, deeper than this: [m], deviations.
+# An implied contact deeper in seen free space is wrong [m]; free space ends so many deviations of
+# the place of what is seen before it.
 _CLEARLY_FREE, _DEVIATIONS = 0.004, 3.0
-# A view is dropped if so many touches contradict it, and this fraction of all.
-_FEWEST, _FRACTION = 2, 0.34
 # A touch contradicts what a contour implies within this distance [m], on this side, this far off
 # [m], or if a finger passed there, by [m].
 _NEAR, _PARALLEL, _OFF, _PASSED = 0.03, 0.3, 0.005, 0.002
@@ -56,7 +55,6 @@ class Views(Record):
     views: tuple[DepthView, ...]
     support_height: float
     calibrations: tuple[Calibration, ...] = ()
-    reason: str = ""  #: why the views are dropped; empty if they are not
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "views", tuple(self.views))
@@ -69,8 +67,7 @@ class Views(Record):
                 )
         if not self.calibrations:
             of = [
-                Calibration(view.X_WC, np.diag(view.hand_eye.deviations**2), 0)
-                for view in self.views
+                Calibration(view.X_WC, np.diag(view.hand_eye.deviations**2)) for view in self.views
             ]
             object.__setattr__(self, "calibrations", tuple(of))
 
@@ -84,8 +81,7 @@ class Views(Record):
             calibrate(view, sight, touches, self.support_height)
             for view, sight in zip(self.views, self._sights, strict=True)
         )
-        corrected = replace(self, calibrations=calibrations, reason="")
-        corrected = replace(corrected, reason=corrected._contradiction(touches))
+        corrected = replace(self, calibrations=calibrations)
         corrected.__dict__["_sights"] = self._sights  # they depend on the views as given only
         return corrected
 
@@ -95,8 +91,25 @@ class Views(Record):
 
     @property
     def is_dropped(self) -> bool:
-        """Whether touches contradict the views: then they show nothing; see `reason`."""
-        return bool(self.reason)
+        """Whether touches contradict all views: then they show nothing; see `reason`."""
+        return bool(self.views) and not len(self.believed)
+
+    @property
+    def reason(self) -> str:
+        """Why views are dropped; empty if none is."""
+        texts = [
+            f"touches contradict camera {k} ({c.contradicting} of {c.touches}): its pose is"
+            " wrong, or the object was moved"
+            for k, c in enumerate(self.calibrations)
+            if c.is_refuted
+        ]
+        return "; ".join(texts)
+
+    @cached_property
+    def believed(self) -> tuple[tuple[DepthView, Calibration], ...]:
+        """The corrected views that touches do not contradict, and their calibrations."""
+        pairs = zip(self.corrected, self.calibrations, strict=True)
+        return tuple((view, c) for view, c in pairs if not c.is_refuted)
 
     @cached_property
     def corrected(self) -> tuple[DepthView, ...]:
@@ -114,9 +127,9 @@ class Views(Record):
     @cached_property
     def displacement(self) -> float:
         """Standard deviation of the place of the seen surface [m], the largest of all views."""
-        pairs = zip(self.corrected, self.calibrations, strict=True)
         return max(
-            (c.displacement(v.contacts.points) for v, c in pairs if len(v.contacts)), default=0.0
+            (c.displacement(v.contacts.points) for v, c in self.believed if len(v.contacts)),
+            default=0.0,
         )
 
     def contacts(self, most: int) -> Contacts:
@@ -125,11 +138,10 @@ class Views(Record):
         Their noise is that of single pixels' planes, because neighbouring pixels have a common
         error, with the uncertainty of the camera's pose along each normal.
         """
-        if self.is_dropped or most < 1:
+        if most < 1:
             return Contacts.empty()
         parts = [
-            _with_pose_noise(view.contacts, calibration)
-            for view, calibration in zip(self.corrected, self.calibrations, strict=True)
+            _with_pose_noise(view.contacts, calibration) for view, calibration in self.believed
         ]
         together = sum(parts, Contacts.empty())
         if len(together) <= most:
@@ -149,15 +161,12 @@ class Views(Record):
 
         They are no measurements: an estimator takes them as weak contacts, and nothing saves them.
         """
-        if self.is_dropped:
-            return Contacts.empty()
-        implied = self._implied
-        return implied.subset(~_contradicted(implied, touches))
+        return self._implied.subset(~_contradicted(self._implied, touches))
 
     @cached_property
     def _implied(self) -> Contacts:
         """What the contours imply, where no view shows free space."""
-        parts = [view.guesses(self.support_height) for view in self.corrected]
+        parts = [view.guesses(self.support_height) for view, _ in self.believed]
         implied = sum(parts, Contacts.empty())
         if not len(implied):
             return implied
@@ -167,20 +176,7 @@ class Views(Record):
     @cached_property
     def free(self) -> FreeViews:
         """The space that any of the views shows to be free."""
-        return FreeViews(() if self.is_dropped else self.corrected, self.displacement)
-
-    def _contradiction(self, touches: Contacts) -> str:
-        """Return why touches contradict the views; empty if they do not."""
-        if not len(touches):
-            return ""
-        depths, _ = self.free.depths(touches.points)
-        wrong = int(np.count_nonzero(depths > _CLEARLY_FREE))
-        if wrong < max(_FEWEST, _FRACTION * len(touches)):
-            return ""
-        return (
-            f"{wrong} of {len(touches)} touches are in space that the camera shows to be empty: the"
-            " pose of the camera is wrong, or the object was moved"
-        )
+        return FreeViews(tuple(view for view, _ in self.believed), self.displacement)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,56 @@
+"""`lis-grasp see`: contacts of an object from a depth image, and what the image leaves unknown."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from lis_grasp.cli import options as opt
+from lis_grasp.cli.progress import next_step, say
+from lis_grasp.results.seen import PAGE, SEEN_CONTACTS, VIEW, see
+from lis_grasp.views.view_files import load_view, read_mask
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments to its parser."""
+    parser.add_argument(
+        "image",
+        type=Path,
+        metavar="IMAGE",
+        help="depth along the optical axis: a .png of 16 bits in millimetres, a .npy in metres, or"
+        " a view.npz",
+    )
+    parser.add_argument(
+        "--camera",
+        type=Path,
+        metavar="YAML",
+        help="intrinsics and pose of the camera: see the page on views (not for a view.npz)",
+    )
+    parser.add_argument(
+        "--mask",
+        type=Path,
+        metavar="IMAGE",
+        help="not 0 where the object is (default: as in the YAML file, else found above the table)",
+    )
+    parser.add_argument(
+        "--support",
+        type=float,
+        default=0.0,
+        metavar="METRES",
+        help="height of the table under the object (default: 0)",
+    )
+    opt.add_output(parser, "the folder of IMAGE")
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Write what the view shows, and print what was understood."""
+    view = load_view(options.image, options.camera)
+    if options.mask is not None:
+        view = view.with_mask(read_mask(options.mask, view.depth.shape))
+    folder = options.output or options.image.parent
+    seen = see(view, options.support, folder)
+    for line in seen.summary:
+        say(line)
+    say(f"wrote {folder / VIEW}, {SEEN_CONTACTS}, {PAGE}")
+    say(next_step("lis-grasp estimate {}", folder / SEEN_CONTACTS))

@@ -1,0 +1,127 @@
+"""Files of depth views: images with a camera's YAML, archives, and mistakes in them."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+from PIL import Image
+
+from lis_grasp import Contacts
+from lis_grasp.cli.main import main
+from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.views import DepthView, draw_camera_pose, load_view, save_view, simulate_view
+
+BOX = trimesh.creation.box([0.1, 0.06, 0.05]).apply_translation([0.0, 0.0, 0.025])
+K = {"fx": 385.0, "fy": 385.0, "cx": 319.5, "cy": 239.5}
+
+
+@pytest.fixture(scope="module")
+def view() -> DepthView:
+    rng = np.random.default_rng(0)
+    return simulate_view([BOX], draw_camera_pose([0.0, 0.0, 0.03], rng=rng), rng=rng)
+
+
+def _write(folder: Path, view: DepthView, **changes: Any) -> tuple[Path, Path]:
+    """Write a PNG in millimetres and the YAML of its camera, with changes of the YAML."""
+    depth = np.where(np.isfinite(view.depth), 1e3 * view.depth, 0.0)
+    Image.fromarray(np.rint(depth).astype(np.uint16)).save(folder / "depth.png")
+    facts = {"intrinsics": K, "pose": view.X_WC.tolist(), "depth_unit": "mm"} | changes
+    facts = {name: value for name, value in facts.items() if value is not None}
+    (folder / "camera.yaml").write_text(yaml.safe_dump(facts), encoding="utf-8")
+    return folder / "depth.png", folder / "camera.yaml"
+
+
+def test_a_png_has_its_depths_in_millimetres(view: DepthView, tmp_path: Path) -> None:
+    read = load_view(*_write(tmp_path, view))
+    known = np.isfinite(view.depth)
+    assert np.array_equal(np.isfinite(read.depth), known)
+    assert np.abs(read.depth - view.depth)[known].max() <= 0.5e-3 + 1e-9
+    assert read.intrinsics == view.intrinsics
+
+
+def test_an_array_and_a_matrix_are_read_exactly(view: DepthView, tmp_path: Path) -> None:
+    matrix = [[385.0, 0.0, 320.0], [0.0, 385.0, 240.0], [0.0, 0.0, 1.0]]
+    changes = {"intrinsics": None, "K": matrix, "pixel_center": 0.5, "depth_unit": None}
+    _, camera = _write(tmp_path, view, **changes)
+    np.save(tmp_path / "depth.npy", view.depth)
+    read = load_view(tmp_path / "depth.npy", camera)
+    assert np.array_equal(read.depth, view.depth, equal_nan=True)
+    assert read.intrinsics == view.intrinsics
+
+
+def test_an_archive_keeps_every_bit(view: DepthView, tmp_path: Path) -> None:
+    save_view(view, tmp_path / "view.npz")
+    assert load_view(tmp_path / "view.npz") == view
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"depth_unit": "m"}, "depth_unit"),  # millimetres taken for metres
+        ({"depth_unit": "inch"}, "depth_unit"),
+        ({"pose": np.eye(4)[:3].tolist()}, "pose"),
+        ({"pose": (2.0 * np.eye(4)).tolist()}, "pose"),
+        ({"intrinsics": {"fx": 385.0}}, "intrinsics"),
+        ({"intrinsics": K | {"cx": 900.0}}, "intrinsics"),
+        ({"intrinsics": None, "K": [[385, 0, 0], [0, 385, 0], [319, 239, 1]]}, "K"),
+        ({"pixel_center": 0.3}, "pixel_center"),
+        ({"focal": 3}, "focal"),
+        ({"mask": 5}, "mask"),
+        ({"hand_eye": {"position": 0.002}}, "hand_eye"),
+    ],
+)
+def test_a_mistake_in_a_camera_file_is_named(
+    view: DepthView, tmp_path: Path, changes: dict[str, Any], field: str
+) -> None:
+    with pytest.raises(InvalidFileError) as caught:
+        load_view(*_write(tmp_path, view, **changes))
+    assert caught.value.field == field
+    assert caught.value.path == tmp_path / "camera.yaml"
+
+
+def test_a_mask_of_another_shape_is_refused(view: DepthView, tmp_path: Path) -> None:
+    Image.fromarray(np.full((10, 20), 255, dtype=np.uint8)).save(tmp_path / "mask.png")
+    with pytest.raises(InvalidFileError) as caught:
+        load_view(*_write(tmp_path, view, mask="mask.png"))
+    assert caught.value.field == "mask"
+
+
+@pytest.mark.parametrize("content", [b"", b"no image", b"\x89PNG\r\n\x1a\n"])
+def test_a_damaged_image_is_refused(content: bytes, view: DepthView, tmp_path: Path) -> None:
+    image, camera = _write(tmp_path, view)
+    image.write_bytes(content)
+    with pytest.raises(InvalidFileError) as caught:
+        load_view(image, camera)
+    assert caught.value.path == image
+
+
+def test_see_writes_the_view_its_contacts_and_a_page(
+    view: DepthView, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    image, camera = _write(tmp_path, view)
+    output = tmp_path / "out"
+    assert main(["see", str(image), "--camera", str(camera), "--output", str(output)]) == 0
+    contacts = Contacts.load(output / "contacts.ply")
+    assert 300 <= len(contacts) <= 400
+    # A step of the image is 1 mm: 0.3 mm root mean square beside the camera's noise of 0.5 mm.
+    distances = trimesh.proximity.closest_point(BOX, contacts.points)[1]
+    assert np.median(distances) < 1e-3
+    found, true = load_view(output / "view.npz").object_mask, view.object_mask
+    assert np.count_nonzero(found & true) > 0.85 * np.count_nonzero(found | true)
+    assert "data:image/png;base64" in (output / "seen.html").read_text(encoding="utf-8")
+    said = capsys.readouterr().out
+    assert f"{np.count_nonzero(found)} pixels" in said
+
+
+def test_see_says_that_nothing_stands_on_the_table(
+    view: DepthView, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    far = BOX.copy().apply_translation([0.0, 0.0, -1.0])
+    empty = simulate_view([far], view.X_WC, rng=np.random.default_rng(0))
+    image, camera = _write(tmp_path, empty)
+    assert main(["see", str(image), "--camera", str(camera)]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert not (tmp_path / "view.npz").exists()
