@@ -27,6 +27,7 @@ GUIDES = (
     "real-robot",
     "moveit",
     "unknown-place",
+    "see",
     "world",
     "place",
 )

@@ -7,8 +7,11 @@ from pathlib import Path
 
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import next_step, say
-from lis_grasp.results.seen import PAGE, SEEN_CONTACTS, VIEW, see
-from lis_grasp.views.view_files import load_view, read_mask
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.results.folder import VIEW
+from lis_grasp.results.seen import SEEN_CONTACTS, SEEN_PAGE, see
+from lis_grasp.views import load_view
+from lis_grasp.views.image_files import load_image, read_mask
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,12 +48,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Write what the view shows, and print what was understood."""
-    view = load_view(options.image, options.camera)
+    if options.camera is not None:
+        view = load_image(options.image, options.camera)
+    elif options.image.suffix.lower() == ".npz":
+        view = load_view(options.image)
+    else:
+        message = f"{options.image} needs --camera, the YAML file of its intrinsics and pose"
+        raise InvalidOptionError(message, option="camera")
     if options.mask is not None:
         view = view.with_mask(read_mask(options.mask, view.depth.shape))
     folder = options.output or options.image.parent
     seen = see(view, options.support, folder)
     for line in seen.summary:
         say(line)
-    say(f"wrote {folder / VIEW}, {SEEN_CONTACTS}, {PAGE}")
+    say(f"wrote {folder / VIEW}, {SEEN_CONTACTS}, {SEEN_PAGE}")
     say(next_step("lis-grasp estimate {}", folder / SEEN_CONTACTS))

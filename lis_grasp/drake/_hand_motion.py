@@ -30,6 +30,8 @@ class HandMotion(Record):
     slow: float = np.inf  # time at which the probe's own motion begins [s]
     at_table: bool = False  # whether it ends at the table, before the probe's target
     course: Course | None = None  # of an arm
+    #: (4, 4) each: poses of a free palm from above all known bodies to the approach
+    way: tuple[FloatArray, ...] = ()
 
     def state(self, path: PiecewisePolynomial, time: float) -> FloatArray:
         """Return positions and rates (2 N,) on a path at a time [s]; at rest outside of it."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
-import trimesh
 from pydrake.math import RigidTransform
 from pydrake.trajectories import PiecewisePolynomial, PiecewisePose
 from scipy.spatial.transform import Rotation
@@ -20,9 +19,9 @@ from lis_grasp.exploration.probe_motions import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.exploration.states import NextProbe
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import apply_pose, inverse_pose, make_pose, relative_rotation
+from lis_grasp.probing.bodies_beside import BodiesBeside
 from lis_grasp.probing.course import Course, path_back, path_out
 from lis_grasp.probing.probe_planner import NO_ARM_TRANSIT, ProbePlanner, home_of, transit_radii
-from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import by_joint_kind
 from lis_grasp.simulation.drake.plant_parts import rigid
@@ -39,8 +38,9 @@ _SIDES = np.array([[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 
 class FreeMover:
     """Moves a free hand: around the object in transit, straight on approach and probe.
 
-    A transit keeps out of the object's ball, off the table and off known bodies, a mesh [m] in E:
-    straight if possible, else above the ball, else around it.
+    A transit keeps out of the object's ball, off the table and off the planner's known bodies:
+    straight if possible, else above the ball, else around it. Where bodies leave no such way, the
+    hand goes back as it came, above all of them, and by the approach's own way in.
     """
 
     def __init__(
@@ -50,10 +50,8 @@ class FreeMover:
         X_WE: RigidTransform,
         home: tuple[RigidTransform, FloatArray],
         probe_speed: float,
-        known: trimesh.Trimesh | None = None,
     ) -> None:
         self._hand, self._planner, self._speed = hand, planner, probe_speed
-        self._known = None if known is None else BodiesToAvoid(hand, known, home[1][None])
         self._X_WE = X_WE.GetAsMatrix4()
         self._home = home
         self._levers = by_joint_kind(hand, revolute=LEVER, prismatic=1.0)
@@ -74,15 +72,25 @@ class FreeMover:
         q = approach.posture.joint_positions
         X_EH, q_before = self._at(before, before.duration)
         points = self._planner.points(q_before, q)
-        beside = None if self._known is None else self._known.in_postures(np.stack([q_before, q]))
-        way = transit(X_EH, approach.X_OH_outside, points, obstacles.space, beside)
+        beside = self._planner.beside
+        known = None if beside is None else OffBodies(beside, np.stack([q_before, q]))
+        leave: Sequence[FloatArray] = []
+        enter: Sequence[FloatArray] = []
+        way = transit(X_EH, approach.X_OH_outside, points, obstacles.space, known)
+        if way is None and approach.way:
+            *leave, start = before.way[::-1] or [X_EH]
+            first, *enter = approach.way
+            way = transit(start, first, points, obstacles.space, known)
         if way is None:
             return NO_TRANSIT
         planned = probe.standoff + probe.overshoot
         length = min(planned, self._planner.above_table(approach, probe, obstacles))
+        length = min(length, self._planner.before_bodies(approach, probe))
         parts = np.linspace(0.0, 1.0, len(way))[:, None]
-        knots = [*zip(way, q_before + parts * (q - q_before), strict=True)]
-        speeds = [TRANSIT_SPEED] * (len(way) - 1)
+        knots = [(X, q_before) for X in leave]
+        knots += zip(way, q_before + parts * (q - q_before), strict=True)
+        knots += [(X, q) for X in enter]
+        speeds = [TRANSIT_SPEED] * (len(knots) - 1)
         end = approach.X_OH.copy()
         end[:3, 3] += length * probe.direction
         motion = self._along(
@@ -93,13 +101,14 @@ class FreeMover:
             guarded=self._along(knots, speeds).duration,
             slow=motion.duration - length / self._speed,
             at_table=length < probe.standoff,
+            way=approach.way,
         )
 
     def back(self, motion: HandMotion, time: float) -> HandMotion:
         """Return the straight motion back out of the object's ball."""
         times = [time, *(t for t in (motion.slow, motion.guarded) if t < time)]
         knots = [self._at(motion, t) for t in times]
-        return self._along(knots, [TRANSIT_SPEED] * (len(knots) - 1))
+        return replace(self._along(knots, [TRANSIT_SPEED] * (len(knots) - 1)), way=motion.way)
 
     def _at(self, motion: HandMotion, time: float) -> tuple[FloatArray, FloatArray]:
         X_WG, q = motion.X_WG(time).GetAsMatrix4(), motion.joints.value(time)[:, 0]
@@ -135,23 +144,15 @@ class FreeMover:
         )
 
 
-class BodiesToAvoid:
-    """Known bodies, a mesh [m] in E that may be open, which a hand in postures (N, J) avoids."""
+class OffBodies(NamedTuple):
+    """Known bodies, off which a hand in postures (N, J) keeps."""
 
-    def __init__(self, hand: Hand, mesh: trimesh.Trimesh, postures: FloatArray) -> None:
-        self.top = float(mesh.bounds[1, 2])
-        self._checker, self._postures = HandCollisionChecker(hand, obstacles=mesh), postures
-
-    def in_postures(self, postures: FloatArray) -> BodiesToAvoid:
-        """Return the same for other postures."""
-        other = copy(self)
-        other._postures = postures
-        return other
+    beside: BodiesBeside
+    postures: FloatArray
 
     def are_hit(self, path: FloatArray) -> bool:
         """Return whether the hand hits a body at one of the palm poses (W, 4, 4)."""
-        paths = np.broadcast_to(path, (len(self._postures), *path.shape))
-        return bool(self._checker.hit_obstacle(paths, self._postures).any())
+        return self.beside.are_hit(self.postures, path)
 
 
 def transit(
@@ -159,7 +160,7 @@ def transit(
     Y: FloatArray,
     points_H: FloatArray,
     space: Workspace,
-    known: BodiesToAvoid | None = None,
+    known: OffBodies | None = None,
 ) -> list[FloatArray] | None:
     """Return palm poses (4, 4) from X to Y around an object's ball; None if there is no path.
 
@@ -167,7 +168,7 @@ def transit(
     """
     reach = float(np.linalg.norm(points_H, axis=1).max())
     far = space.radius + reach
-    heights = [space.center[2] + far, *([] if known is None else [known.top + reach])]
+    heights = [space.center[2] + far, *([] if known is None else [known.beside.top + reach])]
     away = [_moved_off(Z, space.center, far) for Z in (X, Y)]
     ways = [[X, Y], *([X, *(_raised(Z, h) for Z in (X, Y)), Y] for h in heights), [X, *away, Y]]
     for side in _SIDES:
@@ -255,6 +256,7 @@ class ArmMover:
             return way or NO_ARM_TRANSIT
         way_in, ahead = self._planner.legs(approach, probe)
         end = min(ahead.planned, self._planner.above_table(approach, probe, obstacles))
+        end = min(end, self._planner.before_bodies(approach, probe))
         legs = replace(way_in, length=way_in.planned), replace(ahead, length=end)
         finger, q = approach.posture.finger, approach.posture.joint_positions
         course = Course(finger, q, legs, None, way=way)

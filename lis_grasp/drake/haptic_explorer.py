@@ -185,7 +185,7 @@ class HapticExplorer(LeafSystem):
             if q_home is not None:
                 q = numbers_of(q_home, "q_home", q.shape, least=-np.inf)
             start = pose_of(home, "home"), q
-            self._mover = FreeMover(hand.hand, planner, X_WE, start, probe_speed, known.mesh)
+            self._mover = FreeMover(hand.hand, planner, X_WE, start, probe_speed)
         self._declare(0 if station is None else len(station.arm.joint_names), period)
 
     def ended(self, root: Context) -> EventStatus:

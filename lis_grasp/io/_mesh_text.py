@@ -172,8 +172,7 @@ def _absolute(corner: str, counts: dict[str, int]) -> list[str]:
 def off_rows(path: Path) -> tuple[list[list[str]], list[list[str]]]:
     """Return the rows of an OFF file as words: those with vertices, and those with faces."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
-    lines = [line.split("#")[0].split() for line in text.splitlines()]
-    lines = [words for words in lines if words]
+    lines = [words for line in text.splitlines() if (words := line.split("#")[0].split())]
     if not lines or not _OFF_START.fullmatch(lines[0][0]) or "BINARY" in lines[0]:
         raise ReadError("it must begin with OFF, as text")
     lines = [words for words in (lines[0][1:], *lines[1:]) if words]

@@ -64,10 +64,9 @@ def _read_columns(path: Path) -> PlyData:
         if file.read(len(_TEXT)) != _TEXT:
             raise ValueError
         head, end, body = file.read().partition(b"\nend_header\n")
-    empty = _COUNT.sub(rb"\1 0", _TEXT + head)
-    data, counts = PlyData.read(io.BytesIO(empty + end)), _COUNT.findall(head)
+    data = PlyData.read(io.BytesIO(_COUNT.sub(rb"\1 0", _TEXT + head) + end))
     lines = io.StringIO(body.decode("ascii"), newline=None)
-    for element, (_, digits) in zip(data.elements, counts, strict=True):
+    for element, (_, digits) in zip(data.elements, _COUNT.findall(head), strict=True):
         count = int(digits)
         dtype = np.dtype(element.dtype())
         rows = [line for line in islice(lines, count) if line.strip()]

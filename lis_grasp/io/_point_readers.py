@@ -49,11 +49,11 @@ def positional(path: Path, rows: Sequence[Sequence[str]]) -> Columns:
     """Return columns without names: a point, and a normal where all lengths are 1."""
     short = next((number for number, row in enumerate(rows) if len(row) < len(POINT)), None)
     if short is not None:
-        message = (
+        raise InvalidFileError(
             f"{path}: row {short + 1} has {len(rows[short])} of the 3 numbers of a point: separate"
-            " them by blanks, commas or semicolons"
+            " them by blanks, commas or semicolons",
+            path=path,
         )
-        raise InvalidFileError(message, path=path)
     points = np.array(
         [
             [cell_number(path, row[k].strip(), n + 1, name) for k, name in enumerate(POINT)]
@@ -61,8 +61,7 @@ def positional(path: Path, rows: Sequence[Sequence[str]]) -> Columns:
         ]
     ).reshape(-1, 3)
     columns = dict(zip(POINT, points.T, strict=True))
-    width = min(map(len, rows), default=0)
-    if width <= len(POINT):
+    if min(map(len, rows), default=0) <= len(POINT):
         return columns
     try:
         others = np.array([row[3:6] for row in rows], dtype=np.float64)
@@ -140,8 +139,8 @@ def read_pcd(path: Path) -> Columns:
     body = content[start.end() :]
     match start[1]:
         case b"ascii":
-            cells = [line.split() for line in body.decode("ascii", "replace").splitlines()]
-            cells = [words for words in cells if words]
+            lines = body.decode("ascii", "replace").splitlines()
+            cells = [words for line in lines if (words := line.split())]
             _require_points(points, len(cells))
             if ragged := [words for words in cells[:points] if len(words) != sum(counts)]:
                 raise ReadError(f"a row has {len(ragged[0])} numbers, its fields {sum(counts)}")

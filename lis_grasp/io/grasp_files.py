@@ -74,8 +74,9 @@ def read_grasp_file(path: Path, grasp: Callable[..., Any]) -> dict[str, Any]:
     try:
         grasps = tuple(grasp(**_fields(entry)) for entry in content.grasps)
     except InvalidOptionError as error:
-        message = f"{path} has no valid grasps: {error}"
-        raise InvalidFileError(message, path=path, field=error.option) from None
+        raise InvalidFileError(
+            f"{path} has no valid grasps: {error}", path=path, field=error.option
+        ) from None
     counts = {name: getattr(content, name) for name in ("rejections", "candidates", "hit_bodies")}
     return {"grasps": grasps, **counts}
 

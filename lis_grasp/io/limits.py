@@ -108,12 +108,12 @@ def reading(
     except InvalidFileError:
         raise
     except OSError as error:
-        message = f"cannot read {error.filename or path}: {error.strerror or error}"
-        raise InvalidFileError(message, path=path) from None
+        raise InvalidFileError(
+            f"cannot read {error.filename or path}: {error.strerror or error}", path=path
+        ) from None
     except Exception as error:  # noqa: BLE001
-        cure = getattr(error, "cure", "") or advice
-        message = f"{path} cannot be read as {kind} ({reason_of(error, kind)}): {cure}"
-        raise InvalidFileError(message, path=path) from None
+        reason, cure = reason_of(error, kind), getattr(error, "cure", "") or advice
+        raise InvalidFileError.of(path, f"cannot be read as {kind} ({reason}): {cure}") from None
 
 
 def announced_rows(path: Path) -> dict[str, int]:

@@ -152,8 +152,9 @@ def _read(path: Path, ending: str, merge: bool, materials: bool) -> MeshFile:
             except IndexError:
                 raise ReadError("a face names a vertex, or a normal, that it lacks") from None
             if len(mesh.faces) != announced:
-                read = f"{len(mesh.faces)} could be read"
-                raise ReadError(f"it announces {announced} triangles; {read}")
+                raise ReadError(
+                    f"it announces {announced} triangles; {len(mesh.faces)} could be read"
+                )
             return MeshFile(mesh)
         case ".dae":
             content, unit, up = plain_dae(path.read_bytes())
@@ -183,8 +184,10 @@ def _require_readable_gltf(path: Path) -> None:
     needed += ["sparse accessors"] if any("sparse" in each for each in accessors) else []
     needed += ["triangle fans"] if any(part.get("mode") == _FAN for part in primitives) else []
     if needed:
-        message = f"it needs {', '.join(needed)}, which are not read"
-        raise ReadError(message, "export plain triangles, without compression")
+        raise ReadError(
+            f"it needs {', '.join(needed)}, which are not read",
+            "export plain triangles, without compression",
+        )
     # trimesh fills an accessor without a view with as many zeros as it announces.
     if sum(each["count"] for each in accessors if "bufferView" not in each) > path.stat().st_size:
         raise ReadError("it announces more than it has")

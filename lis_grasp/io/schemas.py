@@ -104,5 +104,6 @@ def checked(schema: type[_Schema], content: Any, path: Path, what: str, cure: st
         return schema.model_validate(content)
     except ValidationError as invalid:
         key, reason = first_mistake(invalid)
-    message = f"{path} has no valid {what}: {key or 'it'} {reason}{cure}"
-    raise InvalidFileError(message, path=path, field=key)
+        raise InvalidFileError(
+            f"{path} has no valid {what}: {key or 'it'} {reason}{cure}", path=path, field=key
+        ) from None

@@ -176,8 +176,7 @@ def _columns(
     except (TypeError, ValueError):
         raise InvalidFileError(f"{path}: {' '.join(names)} must be numbers", path=path) from None
     if np.isnan(columns).any() or (finite and not np.isfinite(columns).all()):
-        message = f"{path}: {' '.join(names)} must be finite; some are not"
-        raise InvalidFileError(message, path=path)
+        raise InvalidFileError(f"{path}: {' '.join(names)} must be finite; some are not", path=path)
     return columns
 
 
@@ -190,6 +189,7 @@ def _triangles(path: Path, polygons: npt.NDArray[Any], vertices: int) -> IntArra
         polygons = np.array(polygons.tolist())
     faces = polygons.astype(np.int64).reshape(-1, 3)
     if faces.min() < 0 or faces.max() >= vertices:
-        message = f"{path}: a face has a vertex index outside of 0 to {vertices - 1}"
-        raise InvalidFileError(message, path=path)
+        raise InvalidFileError(
+            f"{path}: a face has a vertex index outside of 0 to {vertices - 1}", path=path
+        )
     return faces

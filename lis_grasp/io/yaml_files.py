@@ -44,15 +44,17 @@ def find_yaml_file(
     path = Path(name)
     ending = path.suffix.lower()
     if ending in _ROBOT_SUFFIXES:
-        message = f"the {what} file must be YAML; {path} is {ending[1:].upper()}: {advice}"
-        raise error(message, file=path.name)
+        raise error(
+            f"the {what} file must be YAML; {path} is {ending[1:].upper()}: {advice}",
+            file=path.name,
+        )
     if os.path.isfile(path):
         return path
     if ending in YAML_SUFFIXES:
-        message = (
-            f"the {what} file {path} does not exist: check its path, or name {example} instead"
+        raise error(
+            f"the {what} file {path} does not exist: check its path, or name {example} instead",
+            file=path.name,
         )
-        raise error(message, file=path.name)
     return None
 
 

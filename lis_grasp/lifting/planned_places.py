@@ -18,7 +18,6 @@ from lis_grasp.grasping.lift_path import LIFT_STEP
 from lis_grasp.grasping.surface_uncertainty import PALM_ERROR, allowed_meshes
 from lis_grasp.lifting.place_plan import LARGEST_ANGLE, PlacePlan
 from lis_grasp.lifting.placing import placed_wrist
-from lis_grasp.lifting.wrist_path import displaced
 from lis_grasp.robots.body_pairs import outline
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.resting import rest_from, resting_poses
@@ -237,7 +236,10 @@ class PlaceSearch:
         for start, end in pairwise(corners):
             steps = int(np.ceil(np.linalg.norm(end[:3] - start[:3]) / LIFT_STEP)) + 1
             way += list(start + np.linspace(0.0, 1.0, steps + 1)[:, None] * (end - start))
-        return np.array([displaced(X_WB, at) for at in way]) @ self.hand.X_LH
+        displacements = np.array(way)
+        turns = Rotation.from_euler("xyz", displacements[:, 3:]).as_matrix()
+        X = make_pose(turns @ X_WB[:3, :3], displacements[:, :3] + X_WB[:3, 3])
+        return np.asarray(X @ self.hand.X_LH)
 
 
 def turned_about(point: FloatArray, yaw: float) -> FloatArray:

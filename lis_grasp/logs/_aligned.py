@@ -225,10 +225,8 @@ def _conditioned(measured: TimedForces, frames: LogFrames) -> FloatArray:
     """Return the forces without their offset, smoothed."""
     forces = measured.forces.copy()
     if frames.tare > 0.0:
-        first = measured.times <= measured.times[0] + frames.tare
-        forces -= forces[first].mean(axis=0)
+        forces -= forces[measured.times <= measured.times[0] + frames.tare].mean(axis=0)
     step = float(np.median(np.diff(measured.times))) if len(forces) > 1 else 0.0
     if frames.smoothing > step > 0.0:
-        count = round(frames.smoothing / step)
-        forces = uniform_filter1d(forces, count, axis=0, mode="nearest")
+        forces = uniform_filter1d(forces, round(frames.smoothing / step), axis=0, mode="nearest")
     return forces

@@ -80,8 +80,10 @@ class BagLog(RobotLog):
             stamps.append(stamp)
             frame = _frame(message) or frame
         if len({len(row) for row in rows}) > 1:
-            message = f"{self._path}: the topic {topic} has forces with and without directions"
-            raise InvalidFileError(message, path=self._path)
+            raise InvalidFileError(
+                f"{self._path}: the topic {topic} has forces with and without directions",
+                path=self._path,
+            )
         forces = np.array(rows, np.float64).reshape(len(rows), len(rows[0]) if rows else 1)
         times = self._distinct_times(topic, stamps, forces)
         order = np.argsort(times, kind="stable")
@@ -159,13 +161,11 @@ class BagLog(RobotLog):
             for stamp, message in self._messages(topic, "joints"):
                 publisher = frozenset(message.name)
                 for name, position in zip(message.name, message.position, strict=False):
-                    row = stamp[self._clock], float(position)
-                    samples[name, topic, publisher].append(row)
+                    samples[name, topic, publisher].append((stamp[self._clock], float(position)))
         self._series = defaultdict(list)
         for (name, topic, _), rows in samples.items():
-            table = np.array(rows)
-            one = JointSeries(topic, table[:, 0], table[:, 1], topic not in chosen)
-            self._series[name].append(one)
+            times, positions = np.array(rows).T
+            self._series[name].append(JointSeries(topic, times, positions, topic not in chosen))
         return self._series
 
     @property
@@ -232,8 +232,8 @@ class BagLog(RobotLog):
             reason = "it is empty"
         elif self._path.suffix == ".mcap":
             cure = "if the recording was cut off, `mcap recover` reads what is there"
-        message = f"{self._path} cannot be read as a ROS bag or MCAP file of ROS messages"
-        return InvalidFileError(f"{message} ({reason}): {cure}", path=self._path)
+        needed = "cannot be read as a ROS bag or MCAP file of ROS messages"
+        return InvalidFileError.of(self._path, f"{needed} ({reason}): {cure}")
 
 
 def _short(kind: str) -> str:

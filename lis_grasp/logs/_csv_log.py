@@ -24,7 +24,6 @@ from lis_grasp.logs._column_names import (
     JOINT_ARRAYS,
     POINT,
     TIME,
-    Orientation,
     array_element,
 )
 from lis_grasp.logs._columns import read_columns
@@ -134,9 +133,7 @@ class CsvLog(RobotLog):
         if turns is None:
             return {}
         ignored = reading.orientation == "ignored"
-        form: Orientation = "ignored"
-        if not ignored:
-            form = form_of(turns, reading.orientation, columns)
+        form = "ignored" if ignored else form_of(turns, reading.orientation, columns)
         own = None if ignored else quaternions_of(turns, form, columns)
         found: dict[str, CsvLog] = {}
         for other in turns.others():

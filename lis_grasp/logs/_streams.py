@@ -181,12 +181,10 @@ class FrameTree:
             if reason:
                 raise InvalidInputError(reason)
         for before, after in path:
-            forward = self.transforms.get((before, after))
-            if forward is not None:
-                step = forward.at(times)
+            if (before, after) in self.transforms:
+                poses = poses @ self.transforms[before, after].at(times)
             else:
-                step = inverse_pose(self.transforms[(after, before)].at(times))
-            poses = poses @ step
+                poses = poses @ inverse_pose(self.transforms[after, before].at(times))
         return poses
 
 
@@ -199,7 +197,7 @@ class JointSeries:
     source
         Topic, or column of a table.
     times, positions
-        Shapes (T,) [s] and (T,) [rad or m]; not sorted.
+        Shapes (T,) [s] and (T,) [rad or m], in the order of time.
     is_left_out
         Whether it is of a topic that the user left out.
     """
@@ -208,6 +206,11 @@ class JointSeries:
     times: FloatArray
     positions: FloatArray
     is_left_out: bool = False
+
+    def __post_init__(self) -> None:
+        order = np.argsort(self.times, kind="stable")
+        object.__setattr__(self, "positions", self.positions[order])
+        object.__setattr__(self, "times", self.times[order])
 
 
 class RobotLog(ABC):

@@ -55,8 +55,8 @@ def contacts_from_log(
     contacts = contacts_of_touches(touches, detection)
     centers = np.concatenate([touch.centers for touch in touches])
     moves = frames.object_pose is not None
-    offset = float(np.linalg.norm(frames.tip_offset))
-    require_places(centers, log.unit_advice, np.inf if moves else log.reach + offset)
+    reach = np.inf if moves else log.reach + float(np.linalg.norm(frames.tip_offset))
+    require_places(centers, log.unit_advice, reach)
     if not moves:
         question_object(log, touches)
     return contacts, touches
@@ -66,12 +66,9 @@ def _slow_topics(log: RobotLog) -> str:
     """Return which topics of poses and frames are too slow to be interpolated; empty for none."""
     timed = {topic.name: log.poses(topic.name) for topic in log.topics if topic.content == "pose"}
     timed |= {f"the frame {ends[1]}": poses for ends, poses in log.frames().transforms.items()}
-    slow = []
-    for name, poses in timed.items():
-        step = float(np.median(np.diff(poses.times))) if len(poses.times) > 1 else 0.0
-        slow += [f"{name} has a pose every {step:.2g} s"] if step > LONGEST_GAP else []
-    needed = f"; one every {LONGEST_GAP:g} s is needed: " if slow else ""
-    return needed + ", ".join(slow)
+    steps = {n: float(np.median(np.diff(p.times))) for n, p in timed.items() if len(p.times) > 1}
+    slow = [f"{n} has a pose every {s:.2g} s" for n, s in steps.items() if s > LONGEST_GAP]
+    return f"; one every {LONGEST_GAP:g} s is needed: {', '.join(slow)}" if slow else ""
 
 
 def _touches(
@@ -93,13 +90,12 @@ def _touches(
     if directed:
         question_directions(used, detection)
     taken = f"in the frame {frame}" if is_known else "taken in the tip's frame"
-    streams = [
+    streams = (
         ("force", aligned.topic, taken if aligned.has_directions else "magnitudes"),
         ("tip", aligned.tip_topic, "" if aligned.turns else "never turned"),
-    ]
-    if frames.object_pose is not None:
-        streams.append(("object", frames.object_pose, ""))
-    return replace(used, streams=tuple(streams))
+        *(() if frames.object_pose is None else (("object", frames.object_pose, ""),)),
+    )
+    return replace(used, streams=streams)
 
 
 def _other_answers(
@@ -143,8 +139,8 @@ class LogAccount:
 
     def __str__(self) -> str:
         """Return one line."""
-        rest = f"; not used: {listed(self.unused)}"
-        return f"used: {'; '.join(self.used)}{rest if self.unused else ''}"
+        rest = f"; not used: {listed(self.unused)}" if self.unused else ""
+        return f"used: {'; '.join(self.used)}{rest}"
 
 
 def account_of(log: RobotLog, used: Iterable[tuple[str, str, str]]) -> LogAccount:

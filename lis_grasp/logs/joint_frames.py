@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -76,12 +77,10 @@ def with_link_frames(
         _question_degrees(tracks, {joint.joint.name: joint.joint for joint in moving})
     _question_commands(tracks, others)
     frames, unknown = {}, {}
+    still = JointSeries("", np.zeros(1), np.zeros(1))
     for joint in joints:
-        if joint.is_fixed:
-            still = np.zeros(1)
-            frames[joint.ends] = _timed(still, joint.poses(still), *joint.ends)
-            continue
-        track = tracks.get(joint.leader, f"the description has no joint {joint.leader}")
+        missing = f"the description has no joint {joint.leader}"
+        track = still if joint.is_fixed else tracks.get(joint.leader, missing)
         if isinstance(track, str):
             unknown[joint.ends] = track
         else:
@@ -119,11 +118,9 @@ def _one_track(
         advice = "name the one to use by `joint_states`" if in_topics else "keep one column"
         return f"the joint {name} is in {' and '.join(sources)}: {advice}"
     times = np.concatenate([each.times for each in series])
-    positions = np.concatenate([each.positions for each in series])
-    order = np.argsort(times, kind="stable")
-    positions = positions[order]
-    apart = sum(_travel(each.positions[np.argsort(each.times, kind="stable")]) for each in series)
-    if len(series) > 1 and _travel(positions) > 2.0 * apart:
+    joined = JointSeries(sources[0], times, np.concatenate([each.positions for each in series]))
+    positions = joined.positions
+    if len(series) > 1 and _travel(positions) > 2.0 * sum(_travel(s.positions) for s in series):
         return (
             f"the joint {name} of {sources[0]} has two positions at nearly one time, of two"
             " publishers: record them on topics of their own"
@@ -138,7 +135,7 @@ def _one_track(
         positions = np.radians(positions)
     if reading.angles is None and (reason := _beyond_limits(joint, positions)):
         return reason
-    return JointSeries(sources[0], times[order], positions)
+    return replace(joined, positions=positions)
 
 
 def _question_degrees(tracks: Mapping[str, JointSeries | str], joints: Mapping[str, Any]) -> None:
@@ -192,15 +189,14 @@ def _lead(track: JointSeries, other: JointSeries) -> float:
 
     The series are shifted until they agree; they must agree twice as well as unshifted.
     """
-    ours, theirs = (np.argsort(each.times, kind="stable") for each in (track, other))
-    times, positions = other.times[theirs], other.positions[theirs]
+    times, positions = other.times, other.positions
     step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     if not step or not np.ptp(track.positions):
         return 0.0
     shifts = step * np.arange(int(_LATEST / step) + 1)
     apart = []
     for shift in shifts:
-        moved = np.interp(times - shift, track.times[ours], track.positions[ours])
+        moved = np.interp(times - shift, track.times, track.positions)
         apart.append(float(np.sqrt(np.mean((moved - positions) ** 2))))
     best = int(np.argmin(apart))
     return float(shifts[best]) if best > 1 and 2.0 * apart[best] < apart[0] else 0.0

@@ -251,5 +251,5 @@ def _kernels() -> tuple[FloatArray, FloatArray]:
     """
     y, x = np.mgrid[-_HALF_WIDTH : _HALF_WIDTH + 1, -_HALF_WIDTH : _HALF_WIDTH + 1].astype(float)
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y]).reshape(6, -1)
-    basis = np.linalg.qr(terms.T)[0].T
-    return np.linalg.pinv(terms.T).reshape(6, *x.shape), basis.reshape(6, *x.shape)
+    kernels, basis = np.linalg.pinv(terms.T), np.linalg.qr(terms.T)[0].T
+    return kernels.reshape(6, *x.shape), basis.reshape(6, *x.shape)

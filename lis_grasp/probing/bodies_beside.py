@@ -43,7 +43,8 @@ class BodiesBeside:
 
     def _build(self) -> None:
         self._checker = HandCollisionChecker(self._hand, obstacles=self._bodies.mesh)
-        self._top = max(float(body.mesh.bounds[1, 2]) for body in self._bodies)
+        #: height of the highest body in W [m]
+        self.top = max(float(body.mesh.bounds[1, 2]) for body in self._bodies)
 
     def place_frame(self, X_WE: FloatArray) -> None:
         """Give later poses in the frame E with pose X_WE (4, 4)."""
@@ -64,6 +65,11 @@ class BodiesBeside:
             return False
         path = self._X_WE @ path
         return bool(self._checker.hit_obstacle(path[None], posture.joint_positions[None])[0])
+
+    def are_hit(self, postures: FloatArray, path: FloatArray) -> bool:
+        """Return whether a hand in any of postures (N, J) hits a body at a pose of (W, 4, 4)."""
+        paths = np.broadcast_to(self._X_WE @ path, (len(postures), *path.shape))
+        return bool(self._checker.hit_obstacle(paths, postures).any())
 
     def free_length(
         self, posture: ProbePosture, X_EH: FloatArray, direction: FloatArray, length: float
@@ -165,7 +171,7 @@ class BodiesBeside:
         """Return how far a hand is to rise until it is above all bodies, or beside them [m]."""
         balls = self._balls[posture.finger]
         lowest = apply_pose(self._X_WE @ X_EH, balls[:, :3])[:, 2] - balls[:, 3]
-        return max(self._top + _ABOVE - float(lowest.min()), 0.0)
+        return max(self.top + _ABOVE - float(lowest.min()), 0.0)
 
     def _extent(self, posture: ProbePosture) -> float:
         """Return a length by which a hand leaves all bodies sideways [m]."""

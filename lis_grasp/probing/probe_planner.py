@@ -57,8 +57,8 @@ class ProbePlanner:
         known: Surroundings = ALONE,
     ) -> None:
         self.hand, self._probe_speed = hand, probe_speed
-        self._beside = BodiesBeside(hand, known) if len(known) else None
-        self._approaches = ApproachPlanner(hand, station, beside=self._beside)
+        self.beside = BodiesBeside(hand, known) if len(known) else None  #: None without any
+        self._approaches = ApproachPlanner(hand, station, beside=self.beside)
         self._asked: tuple[object, ...] = (None, None, None)  # the last probe between bodies
         self._found: Approach | str = ""
         self._transits = None if station is None else ArmTransits(station)
@@ -75,14 +75,14 @@ class ProbePlanner:
 
     def place_frame(self, X_WE: FloatArray) -> None:
         """Give later probes in the frame E with pose X_WE (4, 4): bodies stay in W."""
-        if self._beside is not None:
-            self._beside.place_frame(X_WE)
+        if self.beside is not None:
+            self.beside.place_frame(X_WE)
             self._asked = (None, None, None)
 
     def place_known(self, poses: Mapping[str, FloatArray]) -> None:
         """Place the known bodies at poses (4, 4) in W, by their names."""
-        if self._beside is not None:
-            self._beside.place(poses)
+        if self.beside is not None:
+            self.beside.place(poses)
             self._asked = (None, None, None)
 
     def kept_off(self, obstacles: ObstacleModel) -> ObstacleModel:
@@ -95,7 +95,7 @@ class ProbePlanner:
 
     def approach(self, probe: Probe, obstacles: ObstacleModel) -> Approach | str:
         """Return the approach to a probe, or the reason why there is none."""
-        if self._beside is None:
+        if self.beside is None:
             return self._approaches.find(probe, obstacles)
         asked = (probe, obstacles.contacts, obstacles.surface)
         if any(now is not before for now, before in zip(asked, self._asked, strict=True)):
@@ -104,10 +104,10 @@ class ProbePlanner:
 
     def before_bodies(self, approach: Approach, probe: Probe) -> float:
         """Return how far the hand can move from a probe's start before it would hit a body."""
-        if self._beside is None:
+        if self.beside is None:
             return np.inf
         length = probe.standoff + probe.overshoot
-        return self._beside.free_length(approach.posture, approach.X_OH, probe.direction, length)
+        return self.beside.free_length(approach.posture, approach.X_OH, probe.direction, length)
 
     def starts(self, probe: Probe) -> Iterator[Approach]:
         """Yield every hand at the start of a probe, without an approach and without a check."""

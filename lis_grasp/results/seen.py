@@ -17,11 +17,10 @@ from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.point_pictures import points_svg
 from lis_grasp.results.folder import VIEW, require_own
 from lis_grasp.typing import ByteArray, FloatArray
-from lis_grasp.views import DepthView, Views, segment_object
-from lis_grasp.views.view_files import save_view
+from lis_grasp.views import DepthView, Views, save_view, segment_object
 
-SEEN_CONTACTS, PAGE = "contacts.ply", "seen.html"
-"""The contacts of a view, and the page; the view itself is in `VIEW`."""
+SEEN_CONTACTS, SEEN_PAGE = "contacts.ply", "seen.html"
+"""The contacts of a view, and its page."""
 
 # Contacts in the file.
 _MOST = 400
@@ -74,7 +73,7 @@ def see(view: DepthView, support_height: float, folder: Path) -> SeenObject:
     save_view(masked, folder / VIEW)
     header = provenance.describe(source="view", view=VIEW)
     contacts.save(folder / SEEN_CONTACTS, header=header)
-    write_text(folder / PAGE, page_of(seen))
+    write_text(folder / SEEN_PAGE, page_of(seen))
     return seen
 
 

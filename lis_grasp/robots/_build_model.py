@@ -13,7 +13,13 @@ import yourdfpy
 
 from lis_grasp.exceptions import InvalidHandError, LisGraspError, note
 from lis_grasp.geometry import unit
-from lis_grasp.robots._description import DescriptionEdits, apply_edits, parse_description
+from lis_grasp.robots._description import (
+    NO_EDITS,
+    DescriptionEdits,
+    apply_edits,
+    mimicked,
+    parse_description,
+)
 from lis_grasp.robots._urdf import naming
 from lis_grasp.robots.inertias import (
     LEAST_MASS,
@@ -55,14 +61,13 @@ _MOST_PARTS, _VOXELS = 6, 50_000
 _SMALLEST_BODY, _LARGEST_BODY = 0.001, 3.0
 
 
-def read_description(path: Path, edits: DescriptionEdits | None = None) -> RobotModel:
+def read_description(path: Path, edits: DescriptionEdits = NO_EDITS) -> RobotModel:
     """Read links, joints, inertias and collision bodies; for errors see `build_model`."""
-    edits = edits or DescriptionEdits()
     return build_model(parse_description(path, edits.xacro_args), path, edits)
 
 
 def build_model(
-    robot: yourdfpy.Robot, path: Path, edits: DescriptionEdits | None = None
+    robot: yourdfpy.Robot, path: Path, edits: DescriptionEdits = NO_EDITS
 ) -> RobotModel:
     """Return links, joints, inertias and collision bodies of the robot that a file describes.
 
@@ -73,7 +78,6 @@ def build_model(
     missing or unreadable, `InvalidHandError` if the tree cannot be used: a loop, several roots,
     missing limits or masses.
     """
-    edits = edits or DescriptionEdits()
     with naming(path):
         return _Builder(apply_edits(robot, edits), path, edits).model()
 
@@ -137,8 +141,9 @@ class _Builder:
             repair.add(joint.child)
             inertials[joint.child] = replace(inertials[joint.child], mass=LEAST_MASS)
         for link in repair:
-            of_link = [body for body in bodies if body.link == link]
-            placed = [body.mesh.copy().apply_transform(body.X_LG) for body in of_link]
+            placed = [
+                body.mesh.copy().apply_transform(body.X_LG) for body in bodies if body.link == link
+            ]
             inertials[link] = repaired_inertial(link_inertial(self._links[link]), placed)
         return inertials
 
@@ -223,13 +228,11 @@ class _Builder:
             )
 
     def _joint(self, joint: Any) -> Joint:
-        kind, mimic = _JOINT_KINDS[joint.type], joint.mimic
+        kind = _JOINT_KINDS[joint.type]
         axis = np.zeros(3) if kind == "fixed" else unit_axis(joint)
-        multiplier = 1.0 if mimic is None or mimic.multiplier is None else float(mimic.multiplier)
-        offset = 0.0 if mimic is None or mimic.offset is None else float(mimic.offset)
+        leader, multiplier, offset = mimicked(joint)
         if not np.isfinite([multiplier, offset]).all():
             raise InvalidHandError(f"joint '{joint.name}' must mimic by finite numbers")
-        leader = joint.name if mimic is None else mimic.joint
         return Joint(
             name=joint.name,
             kind=kind,
@@ -238,7 +241,7 @@ class _Builder:
             X_PJ=pose_matrix(joint.origin),
             axis_J=axis,
             index=self._names.index(leader) if kind != "fixed" else -1,
-            follows=mimic is not None,
+            follows=joint.mimic is not None,
             multiplier=multiplier,
             offset=offset,
         )
@@ -307,8 +310,7 @@ def unit_axis(joint: Any) -> FloatArray:
         raise InvalidHandError(
             f"joint '{joint.name}' must have an axis of three numbers, not all 0"
         )
-    scaled = axis / largest  # the square of a very large number is infinite
-    return unit(scaled)
+    return unit(axis / largest)  # the square of a very large number is infinite
 
 
 def joint_limits(joint: Any) -> tuple[float, float, float]:

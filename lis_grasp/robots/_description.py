@@ -80,6 +80,10 @@ class DescriptionEdits:
         )
 
 
+NO_EDITS = DescriptionEdits()
+"""No changes."""
+
+
 def apply_edits(robot: yourdfpy.Robot, edits: DescriptionEdits) -> yourdfpy.Robot:
     """Change the links and joints of a robot, and return it.
 
@@ -105,10 +109,9 @@ def apply_edits(robot: yourdfpy.Robot, edits: DescriptionEdits) -> yourdfpy.Robo
         by_name[name].limit = limit
     positions = dict(edits.locked_joints)
     for joint in robot.joints:
-        if joint.mimic is not None and joint.mimic.joint in positions:
-            multiplier = 1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier
-            leader = edits.locked_joints[joint.mimic.joint]
-            positions[joint.name] = multiplier * leader + (joint.mimic.offset or 0.0)
+        leader, multiplier, offset = mimicked(joint)
+        if joint.mimic is not None and leader in positions:
+            positions[joint.name] = multiplier * edits.locked_joints[leader] + offset
     for name, position in positions.items():
         _lock(by_name[name], position)
     if edits.base_link is not None:
@@ -125,12 +128,9 @@ def _follow_leader(joint: yourdfpy.Joint, by_name: Mapping[str, yourdfpy.Joint])
         leader = by_name.get(mimic.joint)
         if leader is None or leader.mimic is None:
             return
-        by, own = leader.mimic, 1.0 if mimic.multiplier is None else mimic.multiplier
-        joint.mimic = yourdfpy.Mimic(
-            joint=by.joint,
-            multiplier=own * (1.0 if by.multiplier is None else by.multiplier),
-            offset=own * (by.offset or 0.0) + (mimic.offset or 0.0),
-        )
+        _, own, offset = mimicked(joint)
+        first, multiplier, before = mimicked(leader)
+        joint.mimic = yourdfpy.Mimic(first, own * multiplier, own * before + offset)
     if joint.mimic is not None:
         names = ", ".join(sorted(seen))
         raise InvalidHandError(
@@ -141,6 +141,15 @@ def _follow_leader(joint: yourdfpy.Joint, by_name: Mapping[str, yourdfpy.Joint])
             )
             + ": one must be moved by a motor"
         )
+
+
+def mimicked(joint: yourdfpy.Joint) -> tuple[str, float, float]:
+    """Return the joint that a joint mimics, or itself, and the multiplier and offset."""
+    mimic = joint.mimic
+    if mimic is None:
+        return joint.name, 1.0, 0.0
+    multiplier = 1.0 if mimic.multiplier is None else float(mimic.multiplier)
+    return mimic.joint, multiplier, float(mimic.offset or 0.0)
 
 
 def links_below(robot: yourdfpy.Robot, link: str) -> set[str]:

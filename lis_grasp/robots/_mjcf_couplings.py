@@ -94,8 +94,7 @@ class Couplings:
             return
         if len(own) > 2:
             raise InvalidHandError(f"{name} must couple one or two joints; it couples {len(own)}")
-        order = list(own)
-        follower = min(own, key=lambda j: (j in self._driven, j in self.followers, order.index(j)))
+        follower = min(own, key=lambda j: (j in self._driven, j in self.followers))
         offset = float(m.qpos0[m.jnt_qposadr[follower]]) + constant / own[follower]
         for leader in own.keys() - {follower}:
             multiplier = -own[leader] / own[follower]

@@ -137,8 +137,7 @@ class _Model:
         if axis is None:
             return np.array([0.0, 0.0, 1.0])
         numbers = self._numbers(axis, "xyz")
-        described = axis.find("xyz")
-        frame = None if described is None else described.get("expressed_in")
+        frame = next(axis.iterfind("xyz")).get("expressed_in")
         if frame and numbers.shape == (3,):
             numbers = rotate(inverse_pose(self._pose(joint)) @ self._pose(frame), numbers)
         return numbers

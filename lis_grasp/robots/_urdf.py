@@ -53,8 +53,9 @@ def parse_urdf(root: ET.Element, path: Path) -> yourdfpy.Robot:
         reason = reason_of(error, "URDF")
         if "number is needed" in reason:
             reason += ": write numbers with a decimal point, and blanks between"
-        message = f"{path} is not a URDF that can be read: {reason}"
-        raise InvalidHandError(message, file=path.name) from None
+        raise InvalidHandError(
+            f"{path} is not a URDF that can be read: {reason}", file=path.name
+        ) from None
     return urdf.robot
 
 

@@ -47,19 +47,19 @@ def expand_macros(path: Path, given: Mapping[str, str]) -> ET.Element:
         ) from None
     command = [sys.executable, "-c", _EXPAND, str(path.resolve()), json.dumps(dict(given))]
     try:  # in a process of its own: macros are a program, which may have no end
-        done = subprocess.run(command, capture_output=True, timeout=_LONGEST, check=False)
+        done = subprocess.run(command, capture_output=True, timeout=_LONGEST, check=True)
+        root = ET.fromstring(done.stdout)
+        if root.tag != "robot" or root.find("link") is not None:
+            return root
+        reason = "they make no links"
     except subprocess.TimeoutExpired:
         reason = f"they have no end within {_LONGEST:.0f} s"
-    else:
-        if not done.returncode:
-            root = ET.fromstring(done.stdout)
-            if root.tag != "robot" or root.find("link") is not None:
-                return root
-            reason = "they make no links"
-        else:
-            reason = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+    except subprocess.CalledProcessError as error:
+        reason = error.stderr.decode(errors="replace").strip().rpartition("\n")[2]
     if asked := _ARGUMENT.search(reason):
-        names = [asked[1]] if asked[1] else _arguments(path)
+        declared = re.findall(rb"<xacro:arg\s[^>]*?\bname=[\"']([^\"']+)", path.read_bytes())
+        known = [name.decode(errors="replace") for name in dict.fromkeys(declared)]
+        names = [asked[1]] if asked[1] else known
         asks = " ".join(f"{name}:=VALUE" for name in names)
         keys = ", ".join(f"{name}: VALUE" for name in names)
         reason += (
@@ -67,14 +67,7 @@ def expand_macros(path: Path, given: Mapping[str, str]) -> ET.Element:
             if names
             else ": give the file that calls its macros"
         )
-    message = f"{path} has macros that xacro cannot expand: {reason}"
-    raise InvalidHandError(message, file=path.name)
-
-
-def _arguments(path: Path) -> list[str]:
-    """Return the names of the arguments that a xacro file declares."""
-    found = re.findall(rb"<xacro:arg\s[^>]*?\bname=[\"']([^\"']+)", path.read_bytes())
-    return [name.decode(errors="replace") for name in dict.fromkeys(found)]
+    raise InvalidHandError(f"{path} has macros that xacro cannot expand: {reason}", file=path.name)
 
 
 def _expand() -> None:

@@ -34,8 +34,7 @@ def flange_frame(model: RobotModel, flange: str) -> FloatArray:
     order = joints_before(model)
     last = order[flange]
     middle = np.clip(0.0, model.lower, model.upper)
-    kinematics = link_kinematics(model)
-    links = kinematics.poses(np.eye(4), middle)
+    links = link_kinematics(model).poses(np.eye(4), middle)
     X_LA = inverse_pose(links[flange])
 
     def corners(number: int) -> FloatArray:
@@ -86,8 +85,10 @@ def find_home(
     zero = np.clip(0.0, model.lower, model.upper)
     solutions = ik.solve(targets, first=zero)
     q = solutions.q[solutions.solved]
-    if not len(q):
-        q = _pointing_down(ik, kinematics)
+    if not len(q):  # no flange can point down: the nearest to it
+        poses = kinematics.flange_poses(ik.postures)
+        ahead_above = np.minimum(poses[:, 0, 3], 0.1) + np.minimum(poses[:, 2, 3], 0.1)
+        q = ik.postures[np.argsort(poses[:, 2, 2] - ahead_above)[:_SAMPLES]]
     free = _free(model, exclusions, q)
     q = q[free] if free.any() else q
     half = 0.5 * (model.upper - model.lower)
@@ -95,12 +96,6 @@ def find_home(
     height = body_poses(model, q)[:, :, 2, 3].mean(axis=1) / reach
     turned = np.abs(q - zero).mean(axis=1)
     return np.asarray(q[np.argmax(margin + 0.5 * height - 0.2 * turned)])
-
-
-def _pointing_down(ik: ArmIK, kinematics: ArmKinematics) -> FloatArray:
-    poses = kinematics.flange_poses(ik.postures)
-    ahead_above = np.minimum(poses[:, 0, 3], 0.1) + np.minimum(poses[:, 2, 3], 0.1)
-    return ik.postures[np.argsort(poses[:, 2, 2] - ahead_above)[:_SAMPLES]]
 
 
 def _free(model: RobotModel, exclusions: frozenset[tuple[str, str]], q: FloatArray) -> BoolArray:

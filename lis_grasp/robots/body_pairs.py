@@ -88,11 +88,8 @@ class BodyPairs:
 
     def distance(self, pair: int) -> float:
         """Return the distance of a pair as the bodies are placed [m]; 0 or less if they touch."""
-        i, j = self.pairs[pair]
-        result = fcl.DistanceResult()
-        return float(
-            fcl.distance(self._objects[i], self._objects[j], fcl.DistanceRequest(), result)
-        )
+        first, second = self.pairs[pair]
+        return self.distance_to(first, self._objects[second])
 
     def distance_to(self, body: int, obstacle: fcl.CollisionObject) -> float:
         """Return the distance of a body, as it is placed, from an obstacle [m]."""

@@ -13,7 +13,6 @@ from trimesh.collision import mesh_to_BVH
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.robots.body_pairs import fcl_shape, outline
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.robot_model import LinkGeometry
 from lis_grasp.shapes.mesh_distance import InsideTest
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -69,7 +68,10 @@ class HandCollisionChecker:
         shapes = [fcl_shape(geometry) for geometry in hand.link_geometries]
         self._bodies = [fcl.CollisionObject(shape, fcl.Transform()) for shape in shapes]
         self._outlines = [outline(g) for g in hand.link_geometries]
-        self._points = np.array([_point_of(g) for g in hand.link_geometries])  # (G, 3)
+        # A point of each body in its frame, (G, 3): a vertex, or the middle of a simple shape.
+        self._points = np.array(
+            [g.mesh.vertices[0] if g.kind == "mesh" else np.zeros(3) for g in hand.link_geometries]
+        )
         self._manager = fcl.DynamicAABBTreeCollisionManager()
         self._manager.registerObjects(self._bodies)
         self._manager.setup()
@@ -272,10 +274,3 @@ class _Solid:
     def contains_any(self, points: FloatArray) -> bool:
         """Return whether any of the points (P, 3) [m] is inside a closed part."""
         return any(inside.any_inside(points) for inside in self._insides)
-
-
-def _point_of(geometry: LinkGeometry) -> FloatArray:
-    """Return a point of a link's body, shape (3,), in the body's frame."""
-    if geometry.kind == "mesh":
-        return np.asarray(geometry.mesh.vertices[0])
-    return np.zeros(3)

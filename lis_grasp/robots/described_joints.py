@@ -13,7 +13,12 @@ import yourdfpy
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.robots._build_model import pose_matrix, unit_axis
-from lis_grasp.robots._description import DescriptionEdits, apply_edits, parse_description
+from lis_grasp.robots._description import (
+    NO_EDITS,
+    apply_edits,
+    mimicked,
+    parse_description,
+)
 from lis_grasp.robots._urdf import naming
 from lis_grasp.typing import FloatArray
 
@@ -38,7 +43,7 @@ class DescribedJoint:
     @property
     def leader(self) -> str:
         """Name of the joint that this one mimics; its own if it mimics none."""
-        return str(self.joint.name if self.joint.mimic is None else self.joint.mimic.joint)
+        return mimicked(self.joint)[0]
 
     @property
     def longest(self) -> float:
@@ -56,21 +61,17 @@ class DescribedJoint:
 
         Raises `InvalidHandError` if the joint has no finite pose or no axis.
         """
-        with naming(self.description):
-            return self._poses(leader_positions)
-
-    def _poses(self, positions: FloatArray) -> FloatArray:
-        mimic, X_PJ = self.joint.mimic, pose_matrix(self.joint.origin)
-        if mimic is not None:
-            ratio = 1.0 if mimic.multiplier is None else mimic.multiplier
-            positions = ratio * positions + (mimic.offset or 0.0)
+        _, ratio, offset = mimicked(self.joint)
+        positions = ratio * leader_positions + offset
         X_JC = np.tile(np.eye(4), (len(positions), 1, 1))
-        if not self.is_fixed:
-            along = positions[:, None] * unit_axis(self.joint)  # (T, 3)
-            if self.joint.type == "prismatic":
-                X_JC[:, :3, 3] = along
-            else:
-                X_JC[:, :3, :3] = Rotation.from_rotvec(along).as_matrix()
+        with naming(self.description):
+            X_PJ = pose_matrix(self.joint.origin)
+            axis = np.zeros(3) if self.is_fixed else unit_axis(self.joint)
+        along = positions[:, None] * axis  # (T, 3)
+        if self.joint.type == "prismatic":
+            X_JC[:, :3, 3] = along
+        else:
+            X_JC[:, :3, :3] = Rotation.from_rotvec(along).as_matrix()
         return np.asarray(X_PJ @ X_JC)
 
 
@@ -84,7 +85,7 @@ def read_joints(
     Raises `InvalidFileError` or `InvalidHandError` if the description cannot be read.
     """
     with naming(description):
-        robot = apply_edits(parse_description(description, xacro_args), DescriptionEdits())
+        robot = apply_edits(parse_description(description, xacro_args), NO_EDITS)
     return tuple(DescribedJoint(joint, description) for joint in robot.joints)
 
 

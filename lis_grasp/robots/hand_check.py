@@ -69,9 +69,9 @@ def body_findings(model: RobotModel, *, also: str = "") -> Iterator[Finding]:
 def _masses(hand: Hand) -> Iterator[Finding]:
     also = ", or write a corrected copy of the description with `lis-grasp doctor --repair`"
     yield from body_findings(hand, also=also)
-    weight = 0.05 <= hand.mass <= 10.0
-    advice = "" if weight else ": masses must be in kg, 0.05 to 10 in all"
-    yield Finding(weight, f"the hand weighs {hand.mass:.2f} kg{advice}")
+    fine = 0.05 <= hand.mass <= 10.0
+    advice = "" if fine else ": masses must be in kg, 0.05 to 10 in all"
+    yield Finding(fine, f"the hand weighs {hand.mass:.2f} kg{advice}")
 
 
 def _self_collisions(hand: Hand) -> Iterator[Finding]:
@@ -143,8 +143,8 @@ def _opposition(hand: Hand) -> Iterator[Finding]:
         )
         return
     low, high = 1e3 * np.array(opening_range(hand))
-    widths = f"{low:.0f} to {high:.0f} mm"
-    yield Finding(True, f"pads face each other {widths} apart: objects of such widths are held")
+    apart = f"{low:.0f} to {high:.0f} mm apart"
+    yield Finding(True, f"pads face each other {apart}: objects of such widths are held")
 
 
 def opening_range(hand: Hand) -> tuple[float, float]:
@@ -214,8 +214,8 @@ def forces_along_pads(hand: Hand) -> FloatArray:
 
     In the mean pregrasp: the largest f with ``|J^T f| <= effort``.
     """
-    q = np.mean(list(hand.pregrasps.values()), axis=0)
-    _, axes, jacobian, _ = hand.pad_jacobians(np.eye(4), q)  # (F, 3, 6 + J)
+    mean = np.mean(list(hand.pregrasps.values()), axis=0)
+    _, axes, jacobian, _ = hand.pad_jacobians(np.eye(4), mean)  # (F, 3, 6 + J)
     levers = np.abs(np.einsum("fkj,fk->fj", jacobian[:, :, 6:], axes))
     with np.errstate(divide="ignore", over="ignore"):
         return np.asarray((hand.effort_limits / levers).min(axis=1))
@@ -260,12 +260,13 @@ def _height_over(hand: Hand, links: dict[str, FloatArray], pad: Pad, axis: Float
         for g in hand.link_geometries
         if g.link == link
     ]
-    counted = []
-    for points in bodies:
+
+    def counts(points: FloatArray) -> bool:
         enters, leaves = hull_crossing(ConvexHull(points).equations, middle, axis)
-        if (points.mean(axis=0) - middle) @ hand.approach_H > 0.0 or enters <= leaves:
-            counted.append(points)
-    return max((float((points @ axis).max()) for points in counted or bodies), default=-np.inf)
+        return bool((points.mean(axis=0) - middle) @ hand.approach_H > 0.0 or enters <= leaves)
+
+    counted = [points for points in bodies if counts(points)] or bodies
+    return max((float((points @ axis).max()) for points in counted), default=-np.inf)
 
 
 def _body_link(hand: Hand, pad: Pad) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from xml.etree.ElementTree import Element, SubElement
@@ -67,7 +67,10 @@ def hand_mjcf(
         if joint.kind != "fixed":
             body.insert(1, _joint(hand, joint, prefix))
         if joint.follows:
-            couplings.append(_coupling(hand, joint, prefix))
+            leader = prefix + hand.joint_names[joint.index]
+            linear = numbers([joint.offset, joint.multiplier, 0.0, 0.0, 0.0])
+            ends = {"joint1": prefix + joint.name, "joint2": leader, "polycoef": linear}
+            couplings.append(Element("joint", ends | _COUPLING))
     meshes = []
     for number, geometry in enumerate(hand.link_geometries):
         name = f"{prefix}{geometry.link}_{number}"
@@ -119,13 +122,6 @@ def _joint(hand: Hand, joint: Joint, prefix: str) -> Element:
     return Element("joint", attributes)
 
 
-def _coupling(hand: Hand, joint: Joint, prefix: str) -> Element:
-    leader = prefix + hand.joint_names[joint.index]
-    attributes = {"joint1": prefix + joint.name, "joint2": leader}
-    attributes["polycoef"] = numbers([joint.offset, joint.multiplier, 0.0, 0.0, 0.0])
-    return Element("joint", attributes | _COUPLING)
-
-
 def shape_attributes(geometry: LinkGeometry, name: str) -> dict[str, str]:
     """Return kind, size and pose of a geometry; a mesh is the asset of a name."""
     placed = pose(geometry.X_LG)
@@ -171,16 +167,13 @@ def servo_hand(hand: Hand) -> ServoHand:
 
 def moving_joints(hand: Hand) -> list[Joint]:
     """Return the joints that move, followers too, in MuJoCo's order: depth first."""
-    children: dict[str, list[Joint]] = {}
-    for joint in hand.joints:
-        children.setdefault(joint.parent, []).append(joint)
-    ordered: list[Joint] = []
-    waiting = children.get(hand.base_link, [])[::-1]
-    while waiting:
-        joint = waiting.pop()
-        ordered.append(joint)
-        waiting += children.get(joint.child, [])[::-1]
-    return [joint for joint in ordered if joint.kind != "fixed"]
+
+    def below(link: str) -> Iterator[Joint]:
+        for joint in (joint for joint in hand.joints if joint.parent == link):
+            yield joint
+            yield from below(joint.child)
+
+    return [joint for joint in below(hand.base_link) if joint.kind != "fixed"]
 
 
 def servo_efforts(hand: Hand, efforts: FloatArray) -> FloatArray:

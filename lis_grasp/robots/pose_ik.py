@@ -134,8 +134,7 @@ def pose_error(X: FloatArray, target: FloatArray) -> FloatArray:
     # At half a turn the axis is lost; any axis across starts the descent.
     scale = np.where(length > 1e-9, angle / np.maximum(length, 1e-9), 0.5)
     turn = scale[..., None] * twice_sine
-    half = (length <= 1e-9) & (angle > 1.0)
-    turn[half] = [np.pi, 0.0, 0.0]
+    turn[(length <= 1e-9) & (angle > 1.0)] = [np.pi, 0.0, 0.0]
     return np.concatenate([target[..., :3, 3] - X[..., :3, 3], turn], axis=-1)
 
 

@@ -52,16 +52,14 @@ def write_repaired(path: Path, edits: DescriptionEdits, output: Path) -> list[st
         name = link.get("name", "")
         if name not in repaired or repaired[name].mass <= 0.0:
             continue
-        before = given[name].mass
         points = points_of_bodies(model.link_geometries, name)
-        if before > 0.0 and is_possible(given[name], points):
+        has_mass, made = given[name].mass > 0.0, repaired[name]
+        if has_mass and is_possible(given[name], points):
             continue
-        _write(link, form, repaired[name])
-        mass = repaired[name].mass
-        moments = np.linalg.eigvalsh(repaired[name].inertia_L)
-        was = "" if before > 0.0 else " (was missing)"
-        shown = ", ".join(f"{moment:.3g}" for moment in moments)
-        changed.append(f"{name}: mass {mass:.4g} kg{was}, principal moments {shown} kg m^2")
+        _write(link, form, made)
+        was = "" if has_mass else " (was missing)"
+        moments = ", ".join(f"{moment:.3g}" for moment in np.linalg.eigvalsh(made.inertia_L))
+        changed.append(f"{name}: mass {made.mass:.4g} kg{was}, principal moments {moments} kg m^2")
     for element in root.iter("mesh" if form == "urdf" else "uri"):
         _move(element, form, path.resolve().parent, output.resolve().parent)
     write_text(output, ET.tostring(root, encoding="unicode") + "\n")

@@ -157,11 +157,10 @@ class _Checks:
         return name
 
     def exclusions(self) -> frozenset[tuple[str, str]]:
-        pairs = enumerate(self.entry.self_collision_exclusions)
-        links = [
+        links = (
             sorted(self.link(f"self_collision_exclusions[{i}]", link) for link in pair)
-            for i, pair in pairs
-        ]
+            for i, pair in enumerate(self.entry.self_collision_exclusions)
+        )
         return frozenset((first, second) for first, second in links)
 
     def fail(self, key: str, reason: str) -> NoReturn:
@@ -313,10 +312,10 @@ def _cut_at_flange(robot: yourdfpy.Robot, entry: ArmEntry) -> None:
                 f" '{link}'",
                 key=key,
             )
-    by_child = {joint.child: joint for joint in robot.joints}
+    parents = {joint.child: joint.parent for joint in robot.joints}
     chain = [entry.flange]
-    while chain[-1] in by_child and chain[-1] != entry.base_link and len(chain) <= len(links):
-        chain.append(by_child[chain[-1]].parent)
+    while chain[-1] in parents and chain[-1] != entry.base_link and len(chain) <= len(links):
+        chain.append(parents[chain[-1]])
     if entry.base_link is not None and chain[-1] != entry.base_link:
         raise InvalidArmError(
             f"flange must be on the chain of links from base_link '{entry.base_link}'; it is"
@@ -328,12 +327,16 @@ def _cut_at_flange(robot: yourdfpy.Robot, entry: ArmEntry) -> None:
         for joint in robot.joints
         if joint.type != "fixed" and joint.name not in entry.locked_joints
     }
-    dropped: set[str] = set()
-    for joint in robot.joints:
-        if joint.parent not in chain or joint.child in chain:
-            continue
-        branch = links_below(robot, joint.child)
-        if joint.parent == entry.flange or branch & moving:
-            dropped |= branch
+    branches = {
+        joint.child: links_below(robot, joint.child)
+        for joint in robot.joints
+        if joint.parent in chain and joint.child not in chain
+    }
+    dropped = {
+        link
+        for first, branch in branches.items()
+        if parents[first] == entry.flange or branch & moving
+        for link in branch
+    }
     robot.links = [link for link in robot.links if link.name not in dropped]
     robot.joints = [joint for joint in robot.joints if joint.child not in dropped]

@@ -1,1 +1,1 @@
-"""Stages of the pipeline, without files: touch, estimate, plan, lift and regrasp."""
+"""Stages of the pipeline, without files: touch, estimate, plan, lift, place and regrasp."""

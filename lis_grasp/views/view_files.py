@@ -1,252 +1,57 @@
-"""Files of depth views: images with a YAML file of their camera, and archives of our own.
-
-An image is a PNG of 16 bits in millimetres, or a NumPy array in metres, of depths along the optical
-axis. The YAML file of the camera has::
-
-    intrinsics: {fx: 615.0, fy: 615.0, cx: 319.5, cy: 239.5}   # or K: three rows of a matrix
-    pose: [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0.6], [0, 0, 0, 1]]   # on the table
-    pixel_center: 0        # of the first pixel: 0, or 0.5 as in Drake's RgbdSensor
-    depth_unit: mm         # of the image: m, mm, or metres for a step of it
-    mask: mask.png         # optional, beside the YAML file: not 0 where the object is
-    hand_eye: {position: 0.002, rotation_degrees: 0.5}   # optional: error of the pose
-"""
+"""Files of depth views: .npz of the image, the camera, its pose and the object's pixels."""
 
 from __future__ import annotations
 
-import io
-import json
-from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import astuple
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from PIL import Image
 
-from lis_grasp.exceptions import InvalidFileError, InvalidInputError, shown
-from lis_grasp.io.atomic_writing import write_bytes
-from lis_grasp.io.limits import ReadError, reading
-from lis_grasp.io.yaml_files import read_yaml
-from lis_grasp.typing import BoolArray, FloatArray
+from lis_grasp.exceptions import InvalidFileError, InvalidInputError
+from lis_grasp.io.atomic_writing import whole_file
+from lis_grasp.io.limits import read_arrays
 from lis_grasp.views.camera import HandEye, Intrinsics
 from lis_grasp.views.depth_noise import DepthNoise
 from lis_grasp.views.depth_view import DepthView
 
-_UNITS = {"m": 1.0, "mm": 1e-3}
-_KEYS = ("intrinsics", "K", "pose", "pixel_center", "depth_unit", "mask", "hand_eye")
-# Pixels of an image at most.
-_MOST_PIXELS = 50_000_000
-# Depths of a table before a robot [m]: other ones are in another unit.
-_NEAREST, _FARTHEST = 0.02, 30.0
-
-
-def load_view(image: Path | str, camera: Path | str | None = None) -> DepthView:
-    """Read a depth view from an image and the YAML file of its camera, or from a ``view.npz``.
-
-    Parameters
-    ----------
-    image
-        A .png of 16 bits, a .npy, or a .npz by `save_view`.
-    camera
-        The YAML file; none for a .npz.
-
-    Raises
-    ------
-    InvalidFileError
-        If a file is missing or damaged, or a value in it is wrong: `field` names it.
-    """
-    path = Path(image)
-    if path.suffix.lower() == ".npz":
-        return _load_archive(path)
-    if camera is None:
-        raise InvalidFileError(
-            f"{path} needs the YAML file of its camera: intrinsics and pose", path=path
-        )
-    values, units = _read_image(path)
-    return _view_of(path, values, units, Path(camera))
+_ARRAYS = ("depth", "intrinsics", "X_WC", "mask", "noise", "hand_eye")
 
 
 def save_view(view: DepthView, path: Path | str) -> None:
-    """Write a view to a .npz file, which `load_view` reads to the last bit."""
-    facts = {
-        "intrinsics": asdict(view.intrinsics),
-        "noise": asdict(view.noise),
-        "hand_eye": asdict(view.hand_eye),
-    }
-    arrays: dict[str, Any] = {"depth": view.depth, "X_WC": view.X_WC}
-    if view.mask is not None:
-        arrays["mask"] = view.mask
-    content = io.BytesIO()
-    np.savez_compressed(content, camera=np.array(json.dumps(facts)), **arrays)
-    write_bytes(Path(path), content.getvalue())
+    """Write an .npz file of plain arrays (no pickle); a view without a mask has an empty one.
 
-
-def _load_archive(path: Path) -> DepthView:
-    with (
-        reading(path, "a depth view", advice="write it with save_view"),
-        np.load(path, allow_pickle=False) as archive,
-    ):
-        missing = {"depth", "X_WC", "camera"} - set(archive.files)
-        if missing:
-            raise ReadError(f"it has no {', '.join(sorted(missing))}")
-        facts = json.loads(str(archive["camera"]))
-        mask = archive["mask"] if "mask" in archive.files else None
-        return DepthView(
-            archive["depth"],
-            Intrinsics(**facts["intrinsics"]),
-            archive["X_WC"],
-            mask,
-            DepthNoise(**facts["noise"]),
-            HandEye(**facts["hand_eye"]),
-        )
-
-
-def _read_image(path: Path) -> tuple[FloatArray, float]:
-    """Return the numbers of an image (H, W), and the usual unit of its format [m]."""
-    ending = path.suffix.lower()
-    if ending not in (".png", ".npy"):
-        message = f"depth images are .png of 16 bits, .npy or .npz; {path} is {shown(ending)}"
-        raise InvalidFileError(message, path=path)
-    with reading(path, "a depth image"):
-        if ending == ".npy":
-            array = np.load(path, allow_pickle=False)
-            unit = 1e-3 if array.dtype.kind in "ui" else 1.0
-        else:
-            array = _pixels(path)
-            unit = 1e-3
-            if array.dtype == np.uint8:
-                raise ReadError("it has 8 bits: depth needs 16", "write the depth, not a picture")
-        if array.ndim != 2 or array.dtype.kind not in "uif":
-            raise ReadError(f"it must be numbers in rows and columns; its shape is {array.shape}")
-        return np.asarray(array, dtype=np.float64), unit
-
-
-def _pixels(path: Path) -> Any:
-    with Image.open(path) as picture:
-        if picture.width * picture.height > _MOST_PIXELS:
-            raise ReadError(f"it has more than {_MOST_PIXELS} pixels")
-        return np.array(picture)
-
-
-def _view_of(path: Path, values: FloatArray, usual: float, camera: Path) -> DepthView:
-    facts = read_yaml(camera)
-    if not isinstance(facts, Mapping):
-        raise InvalidFileError(f"{camera} must have keys such as intrinsics", path=camera)
-    unknown = sorted(str(key) for key in facts if key not in _KEYS)
-    if unknown:
-        message = f"{camera} has the unknown key {unknown[0]}: it may have {', '.join(_KEYS)}"
-        raise InvalidFileError(message, path=camera, field=unknown[0])
-    scale = _unit(camera, facts.get("depth_unit"), usual)
-    depth = scale * values
-    _require_metres(path, camera, depth, scale)
-    intrinsics = _intrinsics(camera, facts, (values.shape[0], values.shape[1]))
-    pose = _numbers(camera, "pose", facts.get("pose"), (4, 4))
-    mask = _mask(camera, facts.get("mask"), values.shape)
-    try:
-        hand_eye = _hand_eye(camera, facts.get("hand_eye"))
-        return DepthView(depth, intrinsics, pose, mask, hand_eye=hand_eye)
-    except InvalidInputError as error:
-        field = {"X_WC": "pose"}.get(getattr(error, "option", ""), getattr(error, "field", ""))
-        raise InvalidFileError(f"{camera}: {error}", path=camera, field=field) from None
-
-
-def _unit(camera: Path, given: Any, usual: float) -> float:
-    if given is None:
-        return usual
-    unit = _UNITS.get(given, given) if isinstance(given, str) else given
-    if isinstance(unit, bool) or not isinstance(unit, int | float) or not 0.0 < unit <= 1.0:
-        message = f"{camera}: depth_unit must be m, mm, or metres above 0; it is {shown(given)}"
-        raise InvalidFileError(message, path=camera, field="depth_unit")
-    return float(unit)
-
-
-def _require_metres(path: Path, camera: Path, depth: FloatArray, scale: float) -> None:
-    """Refuse depths that are plausible in another unit only."""
-    known = depth[np.isfinite(depth) & (depth > 0.0)]
-    if not len(known):
-        raise InvalidFileError(f"{path} has no depth: all of its pixels are unknown", path=path)
-    middle = float(np.median(known))
-    if not _NEAREST <= middle <= _FARTHEST:
-        cure = "mm" if middle > _FARTHEST else "m"
-        raise InvalidFileError(
-            f"{path}: half of its depths are beyond {middle:.4g} m, with {scale:g} m for a step of"
-            f" the image: give depth_unit in {camera}, perhaps {cure}",
-            path=camera,
-            field="depth_unit",
-        )
-
-
-def _intrinsics(camera: Path, facts: Mapping[str, Any], shape: tuple[int, int]) -> Intrinsics:
-    if ("K" in facts) == ("intrinsics" in facts):
-        message = f"{camera} must have either intrinsics (fx, fy, cx, cy) or K, a matrix of 3 x 3"
-        raise InvalidFileError(message, path=camera, field="intrinsics")
-    if "K" in facts:
-        matrix = _numbers(camera, "K", facts["K"], (3, 3))
-        if matrix[2, 2] != 1.0 or matrix[2, :2].any() or matrix[0, 1] or matrix[1, 0]:
-            swapped = not matrix[:2, 2].any() and matrix[2, :2].any()
-            cure = "it is transposed" if swapped else "skew and scale are not supported"
-            message = f"{camera}: K must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]: {cure}"
-            raise InvalidFileError(message, path=camera, field="K")
-        values = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]])
-    else:
-        given = facts["intrinsics"]
-        names = ("fx", "fy", "cx", "cy")
-        row = [given.get(name) for name in names] if isinstance(given, Mapping) else given
-        values = _numbers(camera, "intrinsics", row, (4,))
-    center = facts.get("pixel_center", 0)
-    if center not in (0, 0.5):
-        message = f"{camera}: pixel_center must be 0 or 0.5; it is {shown(center)}"
-        raise InvalidFileError(message, path=camera, field="pixel_center")
-    fx, fy, cx, cy = values.tolist()
-    if not (0.0 < cx < shape[1] and 0.0 < cy < shape[0] and fx > 0.0 and fy > 0.0):
-        message = (
-            f"{camera}: the principal point ({cx:g}, {cy:g}) must be in the image of {shape[1]} x"
-            f" {shape[0]} pixels, and focal lengths above 0: the intrinsics are of another image"
-        )
-        raise InvalidFileError(message, path=camera, field="intrinsics")
-    return Intrinsics(fx, fy, cx - center, cy - center)
-
-
-def _numbers(camera: Path, field: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        array = np.empty(0)
-    if array.shape != shape or not np.isfinite(array).all():
-        size = " x ".join(map(str, shape))
-        message = f"{camera}: {field} must be {size} finite numbers; it is {shown(value)}"
-        raise InvalidFileError(message, path=camera, field=field)
-    return array
-
-
-def _hand_eye(camera: Path, value: Any) -> HandEye:
-    if value is None:
-        return HandEye(0.0, 0.0)
-    names = ("position", "rotation_degrees")
-    row = [value.get(name) for name in names] if isinstance(value, Mapping) else value
-    position, degrees = _numbers(camera, "hand_eye", row, (2,)).tolist()
-    return HandEye(position, float(np.deg2rad(degrees)))
-
-
-def _mask(camera: Path, name: Any, shape: tuple[int, ...]) -> BoolArray | None:
-    if name is None:
-        return None
-    if not isinstance(name, str):
-        message = f"{camera}: mask must be the name of an image; it is {shown(name)}"
-        raise InvalidFileError(message, path=camera, field="mask")
-    return read_mask(camera.parent / name, shape)
-
-
-def read_mask(path: Path, shape: tuple[int, ...]) -> BoolArray:
-    """Return the pixels of an image or array that are not 0, (H, W).
-
-    Raises `InvalidFileError` if it has another shape than `shape`.
+    Examples
+    --------
+    >>> save_view(DepthView(np.ones((4, 4)), Intrinsics(1, 1, 1, 1), np.eye(4)), "view.npz")
+    >>> load_view("view.npz").depth.shape
+    (4, 4)
     """
-    with reading(path, "a mask"):
-        array = np.load(path, allow_pickle=False) if path.suffix == ".npy" else _pixels(path)
-    if array.ndim == 3:
-        array = array[..., :3].max(axis=2)
-    if array.shape != shape:
-        message = f"{path} must have the depth image's shape {shape}; it has {array.shape}"
-        raise InvalidFileError(message, path=path, field="mask")
-    return np.asarray(array != 0)
+    mask = np.zeros((0, 0), dtype=bool) if view.mask is None else view.mask
+    records = (view.intrinsics, view.noise, view.hand_eye)
+    intrinsics, noise, hand_eye = (np.array(astuple(record), dtype=float) for record in records)
+    short = view.depth.astype(np.float32)  # as cameras have it, if nothing is lost
+    depth = short if np.array_equal(short, view.depth, equal_nan=True) else view.depth
+    values = (depth, intrinsics, view.X_WC, mask, noise, hand_eye)
+    with whole_file(Path(path)) as whole, whole.open("wb") as stream:
+        np.savez_compressed(stream, **dict(zip(_ARRAYS, values, strict=True)))  # type: ignore[arg-type]
+
+
+def load_view(path: Path | str) -> DepthView:
+    """Read a view that `save_view` has written.
+
+    Raises `InvalidFileError` if the file is missing or has no valid view.
+    """
+    path = Path(path)
+    arrays = read_arrays(path, _ARRAYS)
+    depth, intrinsics, X_WC, mask, noise, hand_eye = (arrays[name] for name in _ARRAYS)
+    try:
+        return DepthView(
+            depth,
+            Intrinsics(*map(float, intrinsics)),
+            X_WC,
+            mask if mask.size else None,
+            DepthNoise(*map(float, noise)),
+            HandEye(*map(float, hand_eye)),
+        )
+    except (TypeError, ValueError, InvalidInputError) as error:
+        raise InvalidFileError(f"{path} has no valid view: {error}", path=path) from None

@@ -161,7 +161,8 @@ class Views(Record):
 
         They are no measurements: an estimator takes them as weak contacts, and nothing saves them.
         """
-        return self._implied.subset(~_contradicted(self._implied, touches))
+        implied = self._implied
+        return implied.subset(~_contradicted(implied, touches))
 
     @cached_property
     def _implied(self) -> Contacts:

@@ -1,6 +1,6 @@
 """Experiment: runs beside other bodies, paired with the same runs alone.
 
-The plan, written before a run. Objects stand upright at the origin of a table, free, with 0.2 kg.
+The plan, written before a run. Objects rest at the origin of a table, free, with 0.2 kg.
 Of each, everything but a region of 0.2 x 0.2 x 0.2 m is unknown; the bodies beside it are known.
 It is touched 20 times, and grasped in one attempt, with the same seed alone and in each of 24
 scenes: 12 objects (two of them objects that nobody tuned on), 2 hands, 3 seeds, 1,728 runs in
@@ -23,6 +23,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
+from scipy.spatial.transform import Rotation
 
 from lis_grasp import Hand, Shape, pipeline
 from lis_grasp.evaluation.surface_error import surface_error
@@ -31,6 +32,7 @@ from lis_grasp.geometry import make_pose
 from lis_grasp.io.json_lines import Row
 from lis_grasp.results.report import world_facts
 from lis_grasp.shapes import placed
+from lis_grasp.shapes.resting import resting_poses
 from lis_grasp.stages.regrasp import grasp_with_tactile_check
 from lis_grasp.stages.touch import disturbance_by, make_prober, touch, true_pose
 from lis_grasp.task.task import Task
@@ -44,6 +46,7 @@ from lis_grasp_studies.study.trial import Setup, find_object
 ALONE, BESIDE = "alone", "beside"
 DOES_NOT_FIT, FAILED = "does_not_fit", "failed"
 _REGION = (0.2, 0.2, 0.2)
+_UPRIGHT = 1e-3  # tilt of an object that needs none [rad]
 _ALLOWED = 2.0  # force on what must not be touched [N]
 
 
@@ -129,7 +132,17 @@ def _forces(world: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _standing(shape: Shape) -> Shape:
-    """Return an object upright on the table, the middle of its bounding box at x = y = 0."""
+    """Return an object at rest on the table, its bounding box's middle at x = y = 0.
+
+    Of its resting poses it has that nearest to upright: one that falls over would hit others.
+    """
+    ups = np.array([pose.rotation[2] for pose in resting_poses(shape.mesh)])
+    up = ups[np.argmax(ups[:, 2])]
+    turn = np.cross(up, [0.0, 0.0, 1.0])
+    sine = float(np.linalg.norm(turn))
+    if sine > _UPRIGHT:
+        turn *= np.arctan2(sine, up[2]) / sine
+        shape = placed(shape, make_pose(Rotation.from_rotvec(turn).as_matrix()))
     low, high = shape.mesh.bounds
     middle = 0.5 * (low + high)
     return placed(shape, make_pose(np.eye(3), np.array([-middle[0], -middle[1], -low[2]])))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import worlds
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Box
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
@@ -15,11 +16,15 @@ from pydrake.systems.primitives import ConstantValueSource
 from lis_grasp import Body, Contacts, Hand, Surroundings, shapes
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.drake import GraspPlanner, HapticExplorer, add_hand, surroundings_of
-from lis_grasp.drake._movers import BodiesToAvoid, transit
+from lis_grasp.drake._hand_motion import HandMotion
+from lis_grasp.drake._movers import FreeMover, OffBodies, transit
 from lis_grasp.drake.surface_estimator import Estimate
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import Workspace
+from lis_grasp.exploration import Probe, Workspace
+from lis_grasp.exploration.states import NextProbe
+from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import inverse_pose, make_pose
+from lis_grasp.probing.bodies_beside import BodiesBeside
 from lis_grasp.probing.probe_planner import ProbePlanner
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.collision import HandCollisionChecker
@@ -87,8 +92,8 @@ def test_a_transit_leads_over_a_wall_and_not_into_a_body() -> None:
     q = next(iter(WSG50.probe_postures.values())).joint_positions
     points = ProbePlanner(WSG50).points(q)
 
-    def beside(body: Body) -> BodiesToAvoid:
-        return BodiesToAvoid(WSG50, body.mesh, q[None])
+    def beside(body: Body) -> OffBodies:
+        return OffBodies(BodiesBeside(WSG50, Surroundings((body,))), q[None])
 
     low = Body.box("low", (0.02, 2.0, 0.22), (0.35, 0.0, 0.11))
     straight = transit(X, Y, points, SPACE)
@@ -99,6 +104,27 @@ def test_a_transit_leads_over_a_wall_and_not_into_a_body() -> None:
     assert max(pose[2, 3] for pose in over) > 0.25
     around = Body.box("around", (0.3, 0.3, 0.4), (0.2, 0.0, 0.25))
     assert transit(X, Y, points, SPACE, beside(around)) is None
+
+
+def test_a_free_hand_goes_into_a_shelf_and_out_of_it() -> None:
+    shelf = worlds.shelf()
+    planner = ProbePlanner(WSG50, known=shelf)
+    q = next(iter(WSG50.probe_postures.values())).joint_positions
+    above = RigidTransform(RotationMatrix.MakeXRotation(np.pi), [0.0, 0.0, 0.8])
+    mover = FreeMover(WSG50, planner, RigidTransform(), (above, q), 0.03)
+    obstacles = ObstacleModel(SPACE, Contacts.empty(), None)
+    checker = HandCollisionChecker(WSG50, obstacles=shelf.mesh)
+    motion = mover.home()
+    for direction in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]):
+        probe = Probe(np.array([0.0, 0.0, 0.08]), np.array(direction), 0.1, 0.02)
+        there = mover.out(NextProbe(probe, obstacles), motion)
+        assert isinstance(there, HandMotion)
+        motion = mover.back(there, there.duration)
+        for moving in (there, motion):
+            for time in np.arange(0.0, moving.duration, 0.1):
+                X_WH = moving.X_WG(time).GetAsMatrix4() @ WSG50.X_LH
+                q_now = moving.joints.value(min(time, moving.joints.end_time()))[:, 0]
+                assert not checker.hit_obstacle(X_WH[None, None], q_now[None])[0]
 
 
 def test_a_planner_avoids_known_bodies_of_the_plant() -> None:

@@ -13,6 +13,7 @@ from lis_grasp import Contacts
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.views import DepthView, draw_camera_pose, load_view, save_view, simulate_view
+from lis_grasp.views.image_files import load_image
 
 BOX = trimesh.creation.box([0.1, 0.06, 0.05]).apply_translation([0.0, 0.0, 0.025])
 K = {"fx": 385.0, "fy": 385.0, "cx": 319.5, "cy": 239.5}
@@ -35,7 +36,7 @@ def _write(folder: Path, view: DepthView, **changes: Any) -> tuple[Path, Path]:
 
 
 def test_a_png_has_its_depths_in_millimetres(view: DepthView, tmp_path: Path) -> None:
-    read = load_view(*_write(tmp_path, view))
+    read = load_image(*_write(tmp_path, view))
     known = np.isfinite(view.depth)
     assert np.array_equal(np.isfinite(read.depth), known)
     assert np.abs(read.depth - view.depth)[known].max() <= 0.5e-3 + 1e-9
@@ -47,7 +48,7 @@ def test_an_array_and_a_matrix_are_read_exactly(view: DepthView, tmp_path: Path)
     changes = {"intrinsics": None, "K": matrix, "pixel_center": 0.5, "depth_unit": None}
     _, camera = _write(tmp_path, view, **changes)
     np.save(tmp_path / "depth.npy", view.depth)
-    read = load_view(tmp_path / "depth.npy", camera)
+    read = load_image(tmp_path / "depth.npy", camera)
     assert np.array_equal(read.depth, view.depth, equal_nan=True)
     assert read.intrinsics == view.intrinsics
 
@@ -77,7 +78,7 @@ def test_a_mistake_in_a_camera_file_is_named(
     view: DepthView, tmp_path: Path, changes: dict[str, Any], field: str
 ) -> None:
     with pytest.raises(InvalidFileError) as caught:
-        load_view(*_write(tmp_path, view, **changes))
+        load_image(*_write(tmp_path, view, **changes))
     assert caught.value.field == field
     assert caught.value.path == tmp_path / "camera.yaml"
 
@@ -85,7 +86,7 @@ def test_a_mistake_in_a_camera_file_is_named(
 def test_a_mask_of_another_shape_is_refused(view: DepthView, tmp_path: Path) -> None:
     Image.fromarray(np.full((10, 20), 255, dtype=np.uint8)).save(tmp_path / "mask.png")
     with pytest.raises(InvalidFileError) as caught:
-        load_view(*_write(tmp_path, view, mask="mask.png"))
+        load_image(*_write(tmp_path, view, mask="mask.png"))
     assert caught.value.field == "mask"
 
 
@@ -94,7 +95,7 @@ def test_a_damaged_image_is_refused(content: bytes, view: DepthView, tmp_path: P
     image, camera = _write(tmp_path, view)
     image.write_bytes(content)
     with pytest.raises(InvalidFileError) as caught:
-        load_view(image, camera)
+        load_image(image, camera)
     assert caught.value.path == image
 
 

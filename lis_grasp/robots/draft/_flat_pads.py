@@ -181,6 +181,5 @@ def _faces(
         face = normals @ normal > np.cos(_FLAT)
         if areas[face].sum() > 0.0:
             middle = (areas[face] / areas[face].sum()) @ corners[face].mean(axis=1)
-            angle = angle_between(normal, towards_L)
-            weight = np.exp(-((angle / _OBLIQUE) ** 2))
+            weight = np.exp(-((angle_between(normal, towards_L) / _OBLIQUE) ** 2))
             yield float(areas[face].sum() * weight), normal, middle

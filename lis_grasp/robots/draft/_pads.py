@@ -46,15 +46,14 @@ def fit_pads(
     for i, finger in enumerate(fingers):
         X_BL = poses[finger.link]
         others_B = np.delete(middles_B, i, axis=0).mean(axis=0)
-        towards_L = rotate_back(X_BL, others_B - middles_B[i])
-        towards_L = unit(towards_L)
-        slide_B = slides_B.get(i)
-        if slide_B is None:
-            pads.append(round_pad(finger, *_closing(finger, towards_L), tilts))
-        else:
+        towards_L = unit(rotate_back(X_BL, others_B - middles_B[i]))
+        if i in slides_B:
             arm_L = rotate_back(X_BL, middles_B[i] - poses[model.links[0]][:3, 3])
-            slide_L = rotate_back(X_BL, slide_B)
-            pads.append(round_pad(finger, *_sliding(slide_L, towards_L, arm_L), (0.0,)))
+            slide_L = rotate_back(X_BL, slides_B[i])
+            closing_L = slide_L * (np.sign(slide_L @ towards_L) or 1.0)
+            pads.append(round_pad(finger, closing_L, _across(arm_L, closing_L), (0.0,)))
+        else:
+            pads.append(round_pad(finger, *_closing(finger, towards_L), tilts))
     return tuple(pads)
 
 
@@ -74,8 +73,7 @@ def _slides(
         (motor,) = finger.motors
         q[:, motor] = model.lower[motor], model.upper[motor]
         X = kinematics.poses(np.broadcast_to(np.eye(4), (2, 4, 4)), q)[finger.link]
-        turned = np.linalg.norm(X[1, :3, :3] - X[0, :3, :3])
-        if turned <= _PARALLEL:
+        if np.linalg.norm(X[1, :3, :3] - X[0, :3, :3]) <= _PARALLEL:
             low, high = apply_pose(X, finger.points_L.mean(axis=0))
             paths[i] = high - low
     slides = {}
@@ -85,14 +83,6 @@ def _slides(
         if relative.any():
             slides[i] = unit(relative)
     return slides
-
-
-def _sliding(
-    slide_L: FloatArray, towards_L: FloatArray, arm_L: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return unit vectors in the link frame, as in `_closing`: the slide, and across it the arm."""
-    closing = slide_L * (np.sign(slide_L @ towards_L) or 1.0)
-    return closing, _across(arm_L, closing)
 
 
 def _across(arm: FloatArray, axis: FloatArray) -> FloatArray:
@@ -148,13 +138,9 @@ def round_pad(
         # What is behind the finger's end should not be farther out.
         error += float((finger.points_L @ axis).max() - (end @ axis).max())
         fits.append((error, axis, center, radius))
-    best = min(fits, key=lambda fit: round(fit[0], 4))
-    _, axis, center, radius = best
+    _, axis, center, radius = min(fits, key=lambda fit: round(fit[0], 4))
     beyond = (finger.points_L @ lattice.T).max(axis=0) - lattice @ center - radius
-    angles = angle_between(lattice, axis)
-    reached = angles[beyond > _PROTRUSION]
+    reached = angle_between(lattice, axis)[beyond > _PROTRUSION]
     half_angle = float(np.clip(reached.min(initial=np.pi), *_HALF_ANGLES))
-    axis = unit(axis)
-    return Pad(
-        finger.name, finger.link, read_only(np.array(center)), radius, read_only(axis), half_angle
-    )
+    center, axis = read_only(np.array(center)), read_only(unit(axis))
+    return Pad(finger.name, finger.link, center, radius, axis, half_angle)

@@ -141,16 +141,14 @@ class _Problem:
         centers = self._hand.pad_centers(np.eye(4), q)
         return np.concatenate([q, centers.mean(axis=0), np.full(self._fingers, 0.6)])
 
-    def start_from(self, opening: Opening, spread: float, rng: np.random.Generator) -> FloatArray:
-        q = opening.q + spread * rng.uniform(-1.0, 1.0, self._count) * self._range
-        return np.concatenate([q, opening.center_H, np.full(self._fingers, 0.6)])
-
     def solve_near(
         self, opening: Opening, radius: float, rng: np.random.Generator
     ) -> Opening | None:
         """Return a good opening of another radius, from starts about one; None if none is found."""
         for spread in _RETRIES:
-            found = self.solve(radius, self.start_from(opening, spread, rng))
+            q = opening.q + spread * rng.uniform(-1.0, 1.0, self._count) * self._range
+            start = np.concatenate([q, opening.center_H, np.full(self._fingers, 0.6)])
+            found = self.solve(radius, start)
             if found.good:
                 return found
         return None

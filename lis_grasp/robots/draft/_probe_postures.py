@@ -37,16 +37,14 @@ def find_probe_postures(
     """
     search = _Search(hand, rng)
     found = {}
-    for finger in range(len(hand.pads)):
-        for posture in search.candidates(finger):
-            if not checker.self_collisions(posture.joint_positions):
-                found[hand.pads[finger].finger] = posture
-                break
-        else:
-            parted = search.parted(finger, checker, rng)
-            if parted is not None:
-                found[hand.pads[finger].finger] = parted
-    return found
+    for finger, pad in enumerate(hand.pads):
+        free = (
+            posture
+            for posture in search.candidates(finger)
+            if not checker.self_collisions(posture.joint_positions)
+        )
+        found[pad.finger] = next(free, None) or search.parted(finger, checker, rng)
+    return {finger: posture for finger, posture in found.items() if posture is not None}
 
 
 class _Search:

@@ -136,9 +136,8 @@ def find_fingers(model: RobotModel, tips: Sequence[str] = ()) -> tuple[DraftFing
 
 def shared_joints(model: RobotModel, fingers: Sequence[DraftFinger]) -> list[Joint]:
     """Return the movable joints before all fingers, as in a wrist or an arm, in order."""
-    chains = [[j.name for j in joints_to(model.joints, f.link) if j.index >= 0] for f in fingers]
-    common = set(chains[0]).intersection(*chains[1:])
-    return [joint for joint in model.joints if joint.name in common]
+    chains = [{j.name for j in joints_to(model.joints, f.link) if j.index >= 0} for f in fingers]
+    return [joint for joint in model.joints if all(joint.name in chain for chain in chains)]
 
 
 def leaf_groups(model: RobotModel) -> list[str]:
@@ -195,8 +194,7 @@ def _end_of(finger: DraftFinger, outward_L: FloatArray, point_L: FloatArray) -> 
     Without anything beyond the plane it has no bodies.
     """
     hulls = [trimesh.convex.convex_hull(body.points_L) for body in finger.bodies]
-    parts = [np.asarray(hull.slice_plane(point_L, outward_L).vertices) for hull in hulls]
-    points = np.vstack(parts)
+    points = np.vstack([hull.slice_plane(point_L, outward_L).vertices for hull in hulls])
     if len(points) <= 3 or np.linalg.matrix_rank(points - points.mean(axis=0), tol=_FLAT) < 3:
         return replace(finger, bodies=())
     hull = trimesh.convex.convex_hull(points)
@@ -231,10 +229,7 @@ def _finger(
     ]
     link = parts[int(np.argmax(arms))][0]
     X_LG = inverse_pose(X_GL[link])
-    placed = []
-    for name, p in parts:
-        X_LB = X_LG @ X_GL[name]
-        placed.append(FingerBody(name, X_LB, apply_pose(X_LB, p)))
+    placed = [FingerBody(k, X_LG @ X_GL[k], apply_pose(X_LG @ X_GL[k], p)) for k, p in parts]
     motors = tuple(dict.fromkeys(joint.index for joint in chain if joint.index >= 0))
     return DraftFinger(
         name=link,
@@ -251,17 +246,16 @@ def _without_knobs(model: RobotModel, fingers: Sequence[DraftFinger]) -> list[Dr
     """Leave out what turns in place, as a wheel, a knob or a motor's horn; all stay if all do."""
     kinematics = link_kinematics(model)
     shared = {joint.index for joint in shared_joints(model, fingers)} if fingers else set()
-    kept = []
-    for finger in fingers:
+
+    def moved_by(motor: int, finger: DraftFinger) -> float:
         middle_L = 0.5 * (finger.points_L.min(axis=0) + finger.points_L.max(axis=0))
-        moved = 0.0
-        for motor in set(finger.motors) - shared:
-            q = np.tile(np.clip(0.0, model.lower, model.upper), (_STEPS, 1))
-            q[:, motor] = np.linspace(model.lower[motor], model.upper[motor], _STEPS)
-            X = kinematics.poses(np.broadcast_to(np.eye(4), (_STEPS, 4, 4)), q)[finger.link]
-            moved += float(np.linalg.norm(np.ptp(apply_pose(X, middle_L), axis=0)))
-        if moved > _LEAST_MOTION:
-            kept.append(finger)
+        q = np.tile(np.clip(0.0, model.lower, model.upper), (_STEPS, 1))
+        q[:, motor] = np.linspace(model.lower[motor], model.upper[motor], _STEPS)
+        X = kinematics.poses(np.broadcast_to(np.eye(4), (_STEPS, 4, 4)), q)[finger.link]
+        return float(np.linalg.norm(np.ptp(apply_pose(X, middle_L), axis=0)))
+
+    moved = [sum(moved_by(m, f) for m in set(f.motors) - shared) for f in fingers]
+    kept = [f for f, way in zip(fingers, moved, strict=True) if way > _LEAST_MOTION]
     return kept or list(fingers)
 
 

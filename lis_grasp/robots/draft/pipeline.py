@@ -114,9 +114,8 @@ def draft_hand(
         if silent:
             described.notes.append(f"no probe posture was found for {', '.join(silent)}")
         held = _USED * float(forces_along_pads(hand).min())  # by the motors
-        force = min(held, _MOST_FORCE[hand.kind])
-        hand = replace(hand, max_contact_force=float(f"{force:.2g}"))
-        return HandDraft(hand, edits, tuple(described.notes))
+        force = float(f"{min(held, _MOST_FORCE[hand.kind]):.2g}")
+        return HandDraft(replace(hand, max_contact_force=force), edits, tuple(described.notes))
 
 
 class _Described:
@@ -264,7 +263,9 @@ def _with_openings(
 
 def _with_palm(hand: Hand, openings: Sequence[Opening]) -> Hand:
     """Return the hand with its palm frame and at most four pregrasps."""
-    chosen = _chosen(openings)
+    count = min(len(openings), len(_PREGRASPS))  # evenly spread from the widest to the narrowest
+    rows = np.unique(np.linspace(0, len(openings) - 1, count).round().astype(int))
+    chosen = [openings[row] for row in rows]
     pregrasps = {label: read_only(o.q) for label, o in zip(_PREGRASPS, chosen, strict=False)}
     X_LH = read_only(find_palm_frame(hand, chosen[len(chosen) // 2]))
     hand = replace(hand, X_LH=X_LH, pregrasps=MappingProxyType(pregrasps))
@@ -303,10 +304,3 @@ def _without_postures(model: RobotModel, name: str, pads: tuple) -> Hand:
         self_collision_exclusions=model.joined_links,
         max_contact_force=1.0,
     )
-
-
-def _chosen(openings: Sequence[Opening]) -> list[Opening]:
-    """Return at most four openings, evenly spread from the widest to the narrowest."""
-    count = min(len(openings), len(_PREGRASPS))
-    rows = np.unique(np.linspace(0, len(openings) - 1, count).round().astype(int))
-    return [openings[row] for row in rows]

@@ -28,9 +28,9 @@ def _lines(hand: Hand, urdf: str, edits: DescriptionEdits, notes: Sequence[str])
     xacro_args = [f"{word(k)}: {word(v)}" for k, v in edits.xacro_args.items()]
     locked = [f"{word(k)}: {v:.6g}" for k, v in edits.locked_joints.items()]
     base, parts = word(edits.base_link or ""), ", ".join(map(word, edits.convex_parts))
-    efforts = [f"  {word(name)}: {v:g}" for name, v in edits.effort_limits.items()]
-    efforts.insert(
-        0, "effort_limits:  # instead of the file's [N m or N]; usual values: check them"
+    efforts = (
+        "effort_limits:  # instead of the file's [N m or N]; usual values: check them",
+        *(f"  {word(name)}: {v:g}" for name, v in edits.effort_limits.items()),
     )
     optional = {  # what is there if the description is changed so
         f"xacro_args: {{{', '.join(xacro_args)}}}": xacro_args,
@@ -72,10 +72,7 @@ def _lines(hand: Hand, urdf: str, edits: DescriptionEdits, notes: Sequence[str])
         )
     yield "# Pairs of links that collide by design; those joined by a joint are excluded already."
     pairs = sorted(hand.self_collision_exclusions - hand.joined_links)
-    if not pairs:
-        yield "self_collision_exclusions: []"
-        return
-    yield "self_collision_exclusions:"
+    yield f"self_collision_exclusions:{'' if pairs else ' []'}"
     yield from exclusion_lines(pairs)
 
 

@@ -66,7 +66,8 @@ class PlantScene:
         self.pushes: dict[tuple[str, Pusher], float] = {}
         self._unmoved: FilterId | None = None
         self._is_object_locked = False
-        self._locked: set[str] = set()  # free bodies beside the object
+        #: free bodies beside the object that are locked where they are
+        self.resting: set[str] = set()
         self._separated = False
         if len(surroundings):
             self.surroundings = add_surroundings(self.plant, surroundings)
@@ -149,7 +150,7 @@ class PlantScene:
             query = self.plant.get_geometry_query_input_port().Eval(self.context)
             beside.separate(self.filters, query, self.object.geometry)
             self._separated = True
-        self._locked = set(beside.grounds)
+        self.resting = set(beside.grounds)
         self._separate_locked()
         for name in beside.grounds:
             beside.joint(name).Lock(self.context)
@@ -157,9 +158,9 @@ class PlantScene:
     def _unlock_touched(self) -> None:
         """Free the locked bodies beside the object that something touches."""
         assert self.surroundings is not None
-        touched = self._locked & self.surroundings.touched(self._results())
+        touched = self.resting & self.surroundings.touched(self._results())
         if touched:
-            self._locked -= touched
+            self.resting -= touched
             self._separate_locked()
             for name in sorted(touched):
                 self.surroundings.joint(name).Unlock(self.context)
@@ -173,7 +174,7 @@ class PlantScene:
         fixed = [] if self.support is None else [self.support]
         if self.surroundings is not None:
             fixed += self.surroundings.unmoving_geometries
-            locked += self.surroundings.geometries(self._locked)
+            locked += self.surroundings.geometries(self.resting)
         if locked and (fixed or len(locked) > 1):
             declaration = CollisionFilterDeclaration()
             declaration.ExcludeWithin(GeometrySet(locked))
@@ -206,7 +207,7 @@ class PlantScene:
         if self.surroundings is not None:
             for pushed, force in self.forces_beside().items():
                 self.pushes[pushed] = max(force, self.pushes.get(pushed, 0.0))
-            if self._locked:
+            if self.resting:
                 self._unlock_touched()
 
     def forces_beside(self) -> dict[tuple[str, Pusher], float]:

@@ -129,9 +129,10 @@ class ProbingScene:
 
     @property
     def poses_beside(self) -> dict[str, FloatArray]:
-        """Current poses (4, 4) of the free bodies beside the object."""
-        beside = self._scene.surroundings
-        return {} if beside is None else beside.poses(self._scene.context)
+        """Current poses (4, 4) of the free bodies beside the object that were touched."""
+        beside, resting = self._scene.surroundings, self._scene.resting
+        poses = {} if beside is None else beside.poses(self._scene.context)
+        return {name: X for name, X in poses.items() if name not in resting}
 
     @property
     def forces_beside(self) -> dict[str, float]:

@@ -58,6 +58,27 @@ class BesideInModel:
         self._free = {body.name: model.body(BESIDE + body.name).id for body in surroundings.free}
         self._object = model.body(OBJECT).id
         self._pushers = hand | {self._object}
+        self._kept = dict[int, FloatArray]()  # poses (7,) of free bodies that nothing has touched
+
+    def rest(self, data: mujoco.MjData) -> None:
+        """Keep the free bodies where they are until something touches them."""
+        self._kept = {body: data.qpos[self._q(body)].copy() for body in self._free.values()}
+
+    def keep(self, data: mujoco.MjData) -> None:
+        """Put those back that nothing has touched, after a step."""
+        moving = self._pushers | (set(self._free.values()) - self._kept.keys())
+        for first, second in self._model.geom_bodyid[data.contact.geom]:
+            for own, other in ((first, second), (second, first)):
+                if other in moving:
+                    self._kept.pop(int(own), None)
+        for body, kept in self._kept.items():
+            data.qpos[self._q(body)] = kept
+            velocity = self._model.body_dofadr[body]
+            data.qvel[velocity : velocity + 6] = 0.0
+
+    def _q(self, body: int) -> slice:
+        start = self._model.jnt_qposadr[self._model.body_jntadr[body]]
+        return slice(start, start + 7)
 
     def poses(self, data: mujoco.MjData) -> dict[str, FloatArray]:
         """Return the poses X_WB (4, 4) of the free bodies."""

@@ -65,6 +65,7 @@ class MujocoScene:
         self._beside: BesideInModel | None = None
         if len(setup.surroundings):
             self._beside = BesideInModel(model, setup.surroundings, set(links))
+            self._beside.rest(self._data)
         free = model.joint(OBJECT)
         self._object_q = slice(free.qposadr[0], free.qposadr[0] + 7)
         self._object_v = slice(free.dofadr[0], free.dofadr[0] + 6)
@@ -129,6 +130,8 @@ class MujocoScene:
             self._data.ctrl[:6] = before + substep / self._substeps * change
             mujoco.mj_step(self._model, self._data)
             self._push()
+            if self._beside is not None:
+                self._beside.keep(self._data)
             if self._resting is not None:
                 self._data.qpos[self._object_q] = self._resting
                 self._data.qvel[self._object_v] = 0.0
