@@ -88,6 +88,11 @@ def parse_entry(
     raise error(f"{file}: {key or 'the file'} {reason}", file=file, key=key)
 
 
+def write_json_schema(schema: type[BaseModel], path: Path) -> None:
+    """Write the JSON schema, by which editors complete and check a YAML file."""
+    path.write_text(json.dumps(schema.model_json_schema(), indent=1) + "\n", encoding="utf-8")
+
+
 def read_json(schema: type[_Schema], path: Path, what: str, cure: str = "repair it") -> _Schema:
     """Return the content of a JSON file as a record; for errors see `reading` and `checked`."""
     with reading(path, "JSON", advice=cure):
