@@ -46,9 +46,8 @@ class Known:
     )
     views: tuple[str, ...] | None = option(
         None,
-        "what a depth camera saw before the first touch, in the frame of the table: a file that see"
-        " writes, or a depth image with its intrinsics and pose; touches go where it lacks the"
-        " surface",
+        "what a depth camera saw before the first touch, in the frame of the table: view.npz of"
+        " lis-grasp see; touches go where it lacks the surface",
         CAMERA,
         metavar="FILE",
     )

@@ -128,7 +128,11 @@ class DepthView(ByValue, Record):
     def posed(self, X_WC: FloatArray) -> DepthView:
         """Return the view with another pose of its camera (4, 4)."""
         moved = replace(self, X_WC=X_WC)
-        for name in ("contacts_in_camera", "_usable"):  # they do not depend on the pose
+        for name in (
+            "contacts_in_camera",
+            "_usable",
+            "_free_in_camera",
+        ):  # they do not depend on the pose
             if name in self.__dict__:
                 moved.__dict__[name] = self.__dict__[name]
         return moved
@@ -160,8 +164,12 @@ class DepthView(ByValue, Record):
 
     @cached_property
     def _free(self) -> SeenFreeSpace:
+        return replace(self._free_in_camera, X_WC=self.X_WC)
+
+    @cached_property
+    def _free_in_camera(self) -> SeenFreeSpace:
         return SeenFreeSpace.of(
-            self.depth, self.object_mask, self.intrinsics, self.X_WC, self.noise.deviation
+            self.depth, self.object_mask, self.intrinsics, np.eye(4), self.noise.deviation
         )
 
     @cached_property

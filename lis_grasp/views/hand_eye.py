@@ -176,7 +176,9 @@ def _doubted(
         return found
     wrong = np.zeros(len(touches), dtype=bool)
     wrong[matched.touches] = np.abs(matched.residuals) > _UNEXPLAINED * matched.deviations
-    depths, _ = view.posed(found.X_WC).depths(touches.points)
+    # In the frame of the pose as given, whose free space is computed once.
+    points = apply_pose(view.X_WC, apply_inverse(found.X_WC, touches.points))
+    depths, _ = view.depths(points)
     wrong |= depths > _CLEARLY_FREE + _DEVIATIONS * found.displacement(touches.points)
     relevant = np.union1d(matched.touches, np.flatnonzero(wrong))
     return replace(found, touches=len(relevant), contradicting=int(np.count_nonzero(wrong)))

@@ -305,6 +305,7 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
         "attempts": 4,
         "closings": 2,
         "simulator": "mujoco",
+        "place": "table",
         "arm": "iiwa14",
         "camera": True,
         "views": ("view.npz",),

@@ -21,6 +21,7 @@ import trimesh
 import yaml
 from claw import SDF, YAML
 from made_grasps import jaw_grasp
+from PIL import Image
 from random_directions import random_directions
 from robots.test_mjcf_reader import HAND as MJCF
 from touch_recording import record, write_bag, write_csv
@@ -68,6 +69,8 @@ from lis_grasp.shapes.placement import draw_pose
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.next_touch import ObjectPlace
 from lis_grasp.surfaces import load_contacts
+from lis_grasp.views import load_view, save_view
+from lis_grasp.views.image_files import load_image
 from lis_grasp_studies.contact_study.score import SURFACES
 from lis_grasp_studies.evaluation.configuration import SHIPPED, Configuration
 from lis_grasp_studies.evaluation.results import EvaluationResults
@@ -511,6 +514,21 @@ def _check_run(path: Path) -> None:
     scene_of(path.parent).save(path.parent / "scene.html")
 
 
+def _write_image(folder: Path, name: str) -> Path:
+    """Write a small depth image, the YAML file of its camera, and their view; return one."""
+    depth = np.full((12, 16), 500, dtype=np.uint16)
+    Image.fromarray(depth).save(folder / "depth.png")
+    facts = {"K": [[20.0, 0.0, 8.0], [0.0, 20.0, 6.0], [0.0, 0.0, 1.0]], "pose": np.eye(4).tolist()}
+    (folder / "camera.yaml").write_text(yaml.safe_dump(facts))
+    save_view(load_image(folder / "depth.png", folder / "camera.yaml"), folder / "view.npz")
+    return folder / name
+
+
+def _check_image(path: Path) -> None:
+    view = load_image(path.with_name("depth.png"), path.with_name("camera.yaml"))
+    assert not (view.depth < 0.0).any()
+
+
 def _write_evaluation(folder: Path) -> Path:
     return Path(shutil.copy(SHIPPED / "quick.yaml", folder))
 
@@ -545,6 +563,11 @@ READERS: dict[str, Reader] = {
     "touches.jsonl": Reader(_saved("touches.jsonl", _save_touches), _check_touches),
     "motion.npz": Reader(_saved("motion.npz", _save_motion), _check_motion),
     "patches.npz": Reader(_saved("patches.npz", _save_patches), _check_patches),
+    **{
+        name: Reader(partial(_write_image, name=name), _check_image)
+        for name in ("depth.png", "camera.yaml")
+    },
+    "view.npz": Reader(partial(_write_image, name="view.npz"), load_view),
     "requests": Reader(_saved("requests.jsonl", _save_requests), _check_requests),
     "study.yaml": Reader(_saved("study.yaml", _save_study), _check_study),
     "hand yaml": Reader(partial(_write_yaml, model="wsg50"), check_hand_file),

@@ -91,12 +91,12 @@ def test_the_noise_of_a_plane_grows_with_the_square_of_its_depth(distance: float
     noise = DepthNoise(step=0.0, mixed=0.0)
     true = np.full((480, 640), distance)
     errors = []
-    for seed in range(12):
+    for seed in range(5):
         depth = noise.measured(true, 385.0, rng=np.random.default_rng(seed))
         errors.append((noise.focal_baseline / depth - noise.focal_baseline / true).ravel())
     inverse = np.concatenate(errors)
     stated = noise.deviation(distance) * noise.focal_baseline / distance**2
-    # The smooth part has 170 independent places an image: 12 of them determine it to 2 %.
+    # The smooth part has 170 independent places an image: 5 of them determine it to 3 %.
     assert np.nanstd(inverse) == pytest.approx(stated, rel=0.05)
 
 
@@ -126,7 +126,7 @@ def test_no_free_space_is_inside_of_the_object(name: str) -> None:
     mesh = OBJECTS[name]
     inside = trimesh.sample.volume_mesh(mesh, 30_000)
     inside = inside[inside[:, 2] > 0.0]
-    for seed in range(6):
+    for seed in range(3):
         depths, _ = _view(mesh, seed, DepthCamera()).depths(inside)
         assert np.count_nonzero(depths > 0.0) <= 1e-4 * len(inside)
 
@@ -201,7 +201,7 @@ def _touches(
     )
 
 
-@pytest.mark.parametrize("count", [0, 3, 8])
+@pytest.mark.parametrize("count", [0, 6])
 def test_the_posterior_of_the_pose_covers_the_true_one(count: int) -> None:
     camera = DepthCamera(hand_eye=HandEye(0.002, np.deg2rad(0.5)))
     squares, given, left = [], [], []

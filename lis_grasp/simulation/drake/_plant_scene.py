@@ -139,8 +139,9 @@ class PlantScene:
     def place_surroundings(self, poses: Mapping[str, FloatArray]) -> None:
         """Place free bodies beside the object, at rest at poses X_WB (4, 4) by name.
 
-        They are locked until something touches them: a soft ground would let them creep. The first
-        time, what stands on or leans on each other is found; see `separate`.
+        They are locked until something touches them: tilted ones would rock on their soft ground,
+        whose contact need not be computed until then. The first time, what stands on or leans on
+        each other is found; see `separate`.
         """
         beside = self.surroundings
         if beside is None:
