@@ -26,7 +26,7 @@ from lis_grasp.shapes import NAMES
 from lis_grasp.simulation.drake import dynamic_prober
 from lis_grasp.surfaces import ESTIMATORS
 from lis_grasp_studies.contact_study.contact_sets import CASES
-from lis_grasp_studies.test_objects.shape_sets import DEVELOPMENT
+from lis_grasp_studies.test_objects.shape_sets import DEVELOPMENT, EVALUATION
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -225,7 +225,8 @@ _VERBS = "docs/reference/command-line.md"
 _COUNTS: tuple[tuple[str, str, Callable[[], int]], ...] = (
     ("docs/hands.md", r"(\w+) vendors' hands are ready", lambda: len(VENDOR_HANDS)),
     ("docs/results.md", r"the (\w+) built-in shapes", lambda: len(NAMES)),
-    (_VERBS, r"are the (\d+) objects on which constants", lambda: _objects(DEVELOPMENT)),
+    (_VERBS, r"on the (\d+) objects of the default", lambda: _objects(EVALUATION)),
+    (_VERBS, r"are the (\d+) others", lambda: _objects(DEVELOPMENT)),
     (
         "docs/reference/command-line.md",
         r"a quarter of the (\d+) cases of contacts",

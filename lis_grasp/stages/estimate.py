@@ -298,7 +298,7 @@ def estimate(
     height, margin = options.pop("table", support_height), options.pop("margin", 0.0)
     normals, views = options.pop("normals", None), tuple(options.pop("views", ()))
     if views and height is None:
-        message = "views are of an object on a table: give its height by `support_height`"
+        message = "views are of an object on a table: give its height, support_height"
         raise InvalidOptionError(message, option="support_height")
     make = find_estimator(estimator) if isinstance(estimator, str) else estimator
     _require_accepted(make, str(estimator), options)
