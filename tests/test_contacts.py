@@ -381,7 +381,7 @@ def ply_text(properties: str, row: str, *, comment: str = "none") -> str:
         ("a.csv", "x,y,z\n1,2,3\n", "lacks nx, ny, nz;"),
         ("a.csv", "x,y,z,nx,ny,nz\n1,2,3\n", "row 1 has 3 cells"),
         ("a.csv", "x,y,z,nx,ny,nz\n1,2,three,0,0,1\n", "row 1 has 'three' for z"),
-        ("a.csv", "x,y,z,nx,ny,nz,kind\n1,2,3,0,0,1,odd\n", "of kind 'odd'"),
+        ("a.csv", "x,y,z,nx,ny,nz,kind\n1,2,3,0,0,1,odd\n", "the kind 'odd'"),
     ],
 )
 def test_a_file_without_contacts_is_refused_by_path(

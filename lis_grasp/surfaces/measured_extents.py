@@ -111,6 +111,7 @@ def measured_extents(
     all contacts are behind the tangent plane of one, this one measured how far the object extends
     in the plane's direction: a part beyond the plane would have been met by no touch. The plane of
     a contact in a cavity has others in front of it: it holds half the way to the nearest of these.
+    A contact whose normal the estimate contradicts has no plane.
 
     Parameters
     ----------
@@ -124,7 +125,8 @@ def measured_extents(
     """
     gradients = surface.gradient(contacts.points)
     lengths = np.linalg.norm(gradients, axis=1)
-    usable = np.isfinite(lengths) & (lengths > 0.0)
+    agree = np.einsum("ni,ni->n", gradients, contacts.normals) > 0.0  # False for NaN
+    usable = np.isfinite(lengths) & agree
     contacts, gradients = contacts.subset(usable), gradients[usable]
     if not len(contacts):
         return ()

@@ -27,7 +27,7 @@ def explored() -> Exploration:
 
 
 def known(hand: Hand, space: Workspace | Region) -> pipeline.Known:
-    return Agent.of(pipeline.RunConfig(), 0.0, space=space, hand=hand)
+    return Agent.of(pipeline.RunConfig(), 0.0, hand=hand).placed(space)
 
 
 @pytest.mark.parametrize("name", ["allegro", "wsg50"])
@@ -93,7 +93,7 @@ def test_without_contacts_the_size_is_needed() -> None:
     for seed in range(5):  # on a table, the first touch is above it
         standing = ObjectPlace(size=0.1, support=0.3).space(Contacts.empty())
         config = pipeline.RunConfig(seed=seed)
-        first = Agent.of(config, 0.0, space=standing, hand=Hand.load("allegro"))
+        first = Agent.of(config, 0.0, hand=Hand.load("allegro")).placed(standing)
         probe = next_touch(first, Contacts.empty()).probe
         assert min(probe.start[2], probe.target[2]) > 0.3
 
@@ -221,7 +221,7 @@ def test_the_hand_keeps_off_obstacles_on_its_approach_and_motion(
     for seed in range(3):
         for obstacles in (None, str(tmp_path / "wall.stl")):
             config = pipeline.RunConfig(policy="random", seed=seed, obstacles=obstacles)
-            found = next_touch(Agent.of(config, 0.0, space=space, hand=hand), contacts)
+            found = next_touch(Agent.of(config, 0.0, hand=hand).placed(space), contacts)
             end, path = np.array(found.approach.X_OH), [found.approach.X_OH_outside]
             end[:3, 3] += found.probe.end - found.probe.start
             lowest = np.inf

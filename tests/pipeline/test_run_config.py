@@ -84,7 +84,7 @@ def test_no_option_is_a_field_of_two_records() -> None:
 
 def test_an_agent_decides_as_its_task_says() -> None:
     task = Task.of(policy="spread", touches=7, until_coverage=0.9, seed=5, prober="kinematic")
-    agent = Agent.of(task, 0.0, space=known_place(shapes.find("box")), hand=Hand.load("wsg50"))
+    agent = Agent.of(task, 0.0, hand=Hand.load("wsg50")).placed(known_place(shapes.find("box")))
     assert (agent.decide, agent.robot, agent.known) == (task.decide, task.robot, task.known)
     assert agent.seed == 5
 

@@ -53,7 +53,7 @@ def test_each_touch_is_that_of_the_command_with_the_log(tmp_path: Path) -> None:
         recorded = load_observations(tmp_path / "touches.jsonl")
         space = PLACE.space(Contacts.empty())
         config = RunConfig(estimator="gpis", policy="spread")
-        known = Agent.of(config, 0.0, space=space, hand=hand)
+        known = Agent.of(config, 0.0, hand=hand).placed(space)
         alone = next_touch(known, Contacts.empty(), recorded).facts(hand)
         assert {name: touch[name] for name in alone} == alone
         assert service.answer({"request": "next"}) == touch  # asked again, it is the same

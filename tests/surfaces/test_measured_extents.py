@@ -143,6 +143,13 @@ def test_an_estimate_without_slopes_has_no_extents() -> None:
     assert measured_extents(flat, on_cube()) == ()
 
 
+def test_a_contact_that_the_estimate_contradicts_has_no_plane() -> None:
+    """Of a half-space below z = 0, the top alone agrees with the contacts of a ball."""
+    below = Analytic(lambda p: p[..., 2], CUBE.bounds)
+    extents = extents_of(Contacts(HALF * AXES, AXES), below, 0.0005, 0.05)
+    assert_allclose(extents.points, [[0.0, 0.0, HALF]])
+
+
 @pytest.mark.parametrize("estimator", ["blend", "gpis", "lis", "smooth"])
 def test_an_estimate_ends_where_touches_measured_that_it_does(estimator: str) -> None:
     """Forty noisy touches of a box: no surface is farther out than noise explains."""
