@@ -12,7 +12,7 @@ import lis_grasp
 from lis_grasp import Contacts, drake, pipeline
 from lis_grasp.exploration import Workspace
 
-_OF_DRAKE = ("AddMultibodyPlantSceneGraph", "DiagramBuilder", "RigidTransform")
+_OF_DRAKE = ("AddMultibodyPlantSceneGraph", "CameraInfo", "DiagramBuilder", "RigidTransform")
 _VALUES = ("__version__", "pipeline.SILENT")  # have no docstring of their own
 _NAMES = [*lis_grasp.__all__, *(f"pipeline.{name}" for name in pipeline.__all__)]
 _NAMES += [f"drake.{name}" for name in drake.__all__]

@@ -47,6 +47,12 @@ class DepthViewer(LeafSystem):
         Of the depth; None for an exact one, as Drake renders it.
     hand_eye
         Prior of the error of ``camera_pose``; None for an exact one.
+
+    Examples
+    --------
+    >>> viewer = DepthViewer(CameraInfo(width=640, height=480, fov_y=0.8))
+    >>> [viewer.get_input_port(k).get_name() for k in range(viewer.num_input_ports())]
+    ['depth_image', 'camera_pose', 'label_image']
     """
 
     def __init__(

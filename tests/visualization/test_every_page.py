@@ -20,7 +20,9 @@ from lis_grasp import pipeline
 from lis_grasp.cli.main import main
 from lis_grasp.pipeline import RunConfig
 from lis_grasp.results.page import write_scene_of
+from lis_grasp.results.seen import see
 from lis_grasp.robots.shipped_models import HAND_NAMES
+from lis_grasp.views import draw_camera_pose, simulate_view
 from lis_grasp.visualization import Scene
 
 ROOT = Path(__file__).parents[2]
@@ -33,6 +35,7 @@ WRITERS = {
         "visualization/_page.py",
         "visualization/assets/follow.html",
         "harness/page.py",
+        "results/seen.py",
         "figures/run_index.py",
     },
 }
@@ -125,6 +128,18 @@ def test_a_hand_and_its_marks_are_inside_the_window(
     assert beside.mean() > 0.02
     assert not beside[:, -2:].any()
     assert not beside[:2].any()
+
+
+@slow
+@needs_browser
+def test_what_a_camera_saw_is_drawn(browser: Browser, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    box = trimesh.creation.box([0.06, 0.06, 0.06])
+    box.apply_translation([0.0, 0.0, 0.03])
+    see(simulate_view([box], draw_camera_pose([0.0, 0.0, 0.03], rng=rng), rng=rng), 0.0, tmp_path)
+    browser.open((tmp_path / "seen.html").as_uri(), (640, 800))
+    assert not browser.complaints
+    assert (browser.picture().min(axis=2) < 0.9).mean() > 0.05  # not white
 
 
 @slow
