@@ -22,13 +22,13 @@ TEMPLATE = STUDY / "results.md.in"
 
 # What README says, in the fields of the template.
 _README = (
-    "Held: {grasps[blend]:.0f} % on `blend`, {grasps[gpis]:.0f} % on a Gaussian process (`gpis`),"
+    "Held: {grasps[blend]:.0f} % on `blend`, {grasps[gpis]:.0f} % on `gpis`,"
     " {grasps[lis]:.0f} % on `lis`, {grasps[truth]:.0f} % on the true mesh, of {grasps[trials]}"
     " simulated trials each. If `run` tests grasps by touch before the lift,"
     " {grasps[blend x1]:.0f} % hold on `blend` and {grasps[gpis x1]:.0f} % on `gpis`; in up to"
     " three attempts after twenty touches, {grasps[blend x3]:.0f} % on both",
-    "`blend` is {paper[blend]:.1f} mm from them, `lis` {paper[lis]:.1f} mm and `gpis`"
-    " {paper[gpis]:.1f} mm",
+    "needs {tasks[ratio blend 40]:.2f} times the clearance of a Gaussian process (`gpis`) with"
+    " `blend`, {tasks[ratio lis 40]:.2f} times with `lis`",
     "of tested grasps on tools {grasps[blend tools x1]:.0f} % held in one attempt; on twelve harder"
     " objects {hard[blend x3]:.0f} % in up to three",
 )

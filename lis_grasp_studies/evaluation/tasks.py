@@ -51,7 +51,15 @@ from lis_grasp_studies.harness.statistics import (
     sign_flip_p_value,
     signed_ranks,
 )
-from lis_grasp_studies.harness.tables import Column, Table, grouped_table, split
+from lis_grasp_studies.harness.tables import (
+    NONE,
+    Column,
+    Table,
+    grouped_table,
+    mean_cell,
+    median_cell,
+    split,
+)
 from lis_grasp_studies.test_objects.salted import salted_shape
 
 HULL, TRUTH = "hull", "truth"
@@ -62,6 +70,7 @@ _CUP = 0.01  # radius of a suction cup [m]
 _PLACES = 400  # of cups, on each surface
 _YAWS = 8
 _FLOOR = 2e-4  # clearances below this are equal [m]
+_LEAST_P = 0.001  # p-values below this are shown as such
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,7 +245,8 @@ def ratio_table(rows: Sequence[Row]) -> Table:
         low, high = ratio.interval
         p_value = float(adjusted.get((name, other, count), ratio.p_value))
         mark = " (primary)" if (name, other, count) == primary else ""
-        cells = (str(count), f"{ratio.mean:.2f}", f"{low:.2f} to {high:.2f}", f"{p_value:.3f}")
+        probability = f"{p_value:.3f}" if p_value >= _LEAST_P else f"< {_LEAST_P}"
+        cells = (str(count), f"{ratio.mean:.2f}", f"{low:.2f} to {high:.2f}", probability)
         body.append((f"{name} / {other}{mark}", *cells, str(ratio.objects)))
     head = ("pair", "touches", "clearance, ratio", "95 % over objects", "p (Holm)", "objects")
     return Table("slots", "Clearance of a slot cut to the outline, paired", head, tuple(body))
@@ -249,19 +259,19 @@ def tasks_table(rows: Sequence[Row]) -> Table:
         ("lying", lambda rows: f"{1e3 * _most(rows, 'slot_x', 'slot_y'):.1f}"),
         ("walls, 80 % [mm]", lambda rows: f"{1e3 * _most(rows, 'wall'):.1f}"),
         ("turned", lambda rows: f"{1e3 * _most(rows, 'wall_turned'):.1f}"),
-        ("beyond, 99 % [mm]", lambda rows: f"{1e3 * _median(rows, 'beyond'):.1f}"),
-        ("beyond 3 mm [%]", lambda rows: f"{100 * _mean(rows, 'beyond_3mm'):.1f}"),
-        ("truth to est. [mm]", lambda rows: f"{1e3 * _median(rows, 'rmsd_truth_to_estimate'):.2f}"),
-        ("est. to truth", lambda rows: f"{1e3 * _median(rows, 'rmsd'):.2f}"),
-        ("edges", lambda rows: f"{1e3 * _median(rows, 'edge_rmsd'):.2f}"),
+        ("beyond, 99 % [mm]", median_cell("beyond", 1e3, 1)),
+        ("beyond 3 mm [%]", mean_cell("beyond_3mm", 100.0, 1)),
+        ("truth to est. [mm]", median_cell("rmsd_truth_to_estimate", 1e3, 2)),
+        ("est. to truth", median_cell("rmsd", 1e3, 2)),
+        ("edges", median_cell("edge_rmsd", 1e3, 2)),
         ("cups accepted [%]", lambda rows: _share(rows, "accepted", "true")),
         ("near edges", lambda rows: _share(rows, "accepted_near", "true_near")),
         ("seal [%]", lambda rows: _share(rows, "kept", "said")),
         ("near edges ", lambda rows: _share(rows, "kept_near", "said_near")),
-        ("poses found [%]", lambda rows: f"{100 * _mean(rows, 'found'):.0f}"),
-        ("stands [%]", lambda rows: f"{100 * _mean(rows, 'stands'):.0f}"),
-        ("extents inside [%]", lambda rows: f"{100 * _mean(rows, 'inside'):.0f}"),
-        ("band [mm]", lambda rows: f"{1e3 * _mean(rows, 'band'):.1f}"),
+        ("poses found [%]", mean_cell("found", 100.0, 0)),
+        ("stands [%]", mean_cell("stands", 100.0, 0)),
+        ("extents inside [%]", mean_cell("inside", 100.0, 0)),
+        ("band [mm]", mean_cell("band", 1e3, 1)),
     ]
     groups = dict(sorted(split(rows, "count", "estimator").items(), key=lambda item: -item[0][0]))
     title = "Tasks on the surfaces of the same touches"
@@ -270,8 +280,7 @@ def tasks_table(rows: Sequence[Row]) -> Table:
 
 def _values(rows: Sequence[Row], *names: str) -> FloatArray:
     """Return the values of rows; of an estimate that failed, no clearance suffices."""
-    missing = FAILED if names[0].startswith(("slot", "wall")) else np.nan
-    return np.array([row.get(name, missing) for row in rows for name in names], dtype=np.float64)
+    return np.array([row.get(name, FAILED) for row in rows for name in names], dtype=np.float64)
 
 
 def _most(rows: Sequence[Row], *names: str) -> float:
@@ -279,16 +288,7 @@ def _most(rows: Sequence[Row], *names: str) -> float:
     return float(np.quantile(_values(rows, *names), 0.8, method="higher"))
 
 
-def _median(rows: Sequence[Row], name: str) -> float:
-    return float(np.nanmedian(_values(rows, name)))
-
-
-def _mean(rows: Sequence[Row], name: str) -> float:
-    values = _values(rows, name)
-    return float(values[~np.isnan(values)].mean()) if (~np.isnan(values)).any() else np.nan
-
-
 def _share(rows: Sequence[Row], part: str, whole: str) -> str:
     """Return a share in percent of counts summed over rows, a dash of nothing."""
     total: Any = sum(row.get(whole, 0) for row in rows)
-    return f"{100 * sum(row.get(part, 0) for row in rows) / total:.0f}" if total else "–"
+    return f"{100 * sum(row.get(part, 0) for row in rows) / total:.0f}" if total else NONE

@@ -209,7 +209,7 @@ def test_every_beginning_of_the_objects_has_of_each_group_its_fraction() -> None
 def test_the_published_trials_begin_with_the_most_important() -> None:
     jobs = list(Configuration.load(SHIPPED / "published.yaml").jobs(EVERYWHERE))
     order = [job.trial.part for job in jobs]
-    assert list(dict.fromkeys(order))[:4] == ["grasps", "surfaces", "hard", "exploration"]
+    assert list(dict.fromkeys(order))[:4] == ["grasps", "surfaces", "tasks", "hard"]
     once = [job.trial.trial.trial for job in jobs[: order.index("surfaces")]]
     assert {(trial.hand, trial.seed) for trial in once} == {("allegro", 0), ("wsg50", 4)}
     assert len({trial.object for trial in once}) == 40
