@@ -49,6 +49,7 @@ def test_a_view_gives_the_place_so_that_nothing_is_searched() -> None:
     assert np.abs(targets - truth.bounds.mean(axis=0)).max() < truth.extents.max()
 
 
+@pytest.mark.slow
 def test_an_exploration_that_was_killed_ends_with_the_same_bytes(
     explored: Path, tmp_path: Path
 ) -> None:

@@ -201,6 +201,7 @@ def _touches(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 6])
 def test_the_posterior_of_the_pose_covers_the_true_one(count: int) -> None:
     camera = DepthCamera(hand_eye=HandEye(0.002, np.deg2rad(0.5)))
