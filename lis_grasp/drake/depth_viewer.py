@@ -29,9 +29,7 @@ class DepthViewer(LeafSystem):
     ``depth_image`` is an `ImageDepth32F` and ``camera_pose`` a `RigidTransform`: the sensor's ports
     ``depth_image_32f`` and ``body_pose_in_world``. ``view`` is a `DepthView` with the object's
     pixels: those with the label `label`, if the port ``label_image`` is connected, else those above
-    the table. The system has no state.
-
-    Pixel centres are at 0.5 for an `RgbdSensor`, and at 0 for a view: the principal point is moved.
+    the table. The principal point moves by half a pixel: a view has its pixel centres at 0.
 
     Parameters
     ----------
