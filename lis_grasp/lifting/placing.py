@@ -70,7 +70,7 @@ class Placing:
     def _place(self, here: FloatArray, rise: FloatArray, retreat: FloatArray) -> PlaceReason | None:
         """Run the phases; return why they failed, None if the object has been let go."""
         goal = placed_wrist(self._setup.X_WB, here, self._plan.motion)
-        carry = np.array([0.0, 0.0, self._plan.carry, 0.0, 0.0, 0.0])
+        carry = _up(self._plan.carry)
         _LOG.info("carry")
         way = [here + rise, here + carry, goal + carry, self._above(goal)]
         for start, end in pairwise(way):

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import base64
-import io
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import NothingSeenError
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.point_pictures import points_svg
 from lis_grasp.results.folder import VIEW, require_own
 from lis_grasp.typing import ByteArray, FloatArray
 from lis_grasp.views import DepthView, Views, save_view, segment_object
+from lis_grasp.visualization.raster import encode_png
 
 SEEN_CONTACTS, SEEN_PAGE = "contacts.ply", "seen.html"
 """The contacts of a view, and its page."""
@@ -61,12 +61,17 @@ def see(view: DepthView, support_height: float, folder: Path) -> SeenObject:
     """Write what a view shows of an object: view.npz, contacts.ply and a page, seen.html.
 
     The mask is found above the table at `support_height` [m] if the view has none. Raises
-    `NothingSeenError` if nothing stands on the table, `InvalidFileError` if the folder has another
-    program's contacts.ply.
+    `NothingSeenError` if nothing stands on the table, or no pixel of it has a depth, and
+    `InvalidFileError` if the folder has another program's contacts.ply.
     """
     given = view.mask is not None
     masked = view if given else segment_object(view, support_height)
     contacts = Views((masked,), support_height).contacts(_MOST)
+    if not len(contacts):
+        raise NothingSeenError(
+            "the object's pixels have no depth that makes a contact: give another mask, or a view"
+            " from another side"
+        )
     seen = SeenObject(masked, contacts, masked.guesses(support_height), given)
     require_own(folder / SEEN_CONTACTS)
     folder.mkdir(parents=True, exist_ok=True)
@@ -80,7 +85,7 @@ def see(view: DepthView, support_height: float, folder: Path) -> SeenObject:
 def page_of(seen: SeenObject) -> str:
     """Return a page with the image, and with contacts and implied contacts side by side."""
     lines = "".join(f"<p>{escape(line)}</p>" for line in seen.summary)
-    picture = base64.b64encode(_png(picture_of(seen))).decode("ascii")
+    picture = base64.b64encode(encode_png(picture_of(seen))).decode("ascii")
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head><meta charset="utf-8"><title>What the camera shows</title>
@@ -130,9 +135,3 @@ def _mark(colours: FloatArray, view: DepthView, points: FloatArray, low: FloatAr
     v, u = v - low[0], u - low[1]
     inside = (v >= 0) & (v < colours.shape[0]) & (u >= 0) & (u < colours.shape[1])
     colours[v[inside], u[inside]] = _IMPLIED
-
-
-def _png(picture: ByteArray) -> bytes:
-    content = io.BytesIO()
-    Image.fromarray(picture).save(content, format="PNG")
-    return content.getvalue()

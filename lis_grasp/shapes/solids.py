@@ -96,7 +96,7 @@ def convex_parts(
     most
         Largest number of parts.
     voxels
-        Number of voxels of the search: fewer are faster and with_fewer_faces.
+        Number of voxels of the search: fewer are faster and coarser.
 
     Raises
     ------

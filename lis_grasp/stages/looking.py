@@ -35,13 +35,11 @@ def views_of(task: Task, shape: Shape, support_height: float) -> Views | None:
     Raises `InvalidFileError` if a recorded view cannot be used, `NothingSeenError` if one shows
     nothing on the table.
     """
-    region = task.known.region
-    bounds = None if region is None else Region(region).bounds
     views = list(load_views(task.known.views or (), task, support_height))
     if task.robot.camera:
         view = look(task, shape, support_height)
         try:
-            views.append(segment_object(view, support_height, bounds))
+            views.append(_segmented(view, task, support_height))
         except NothingSeenError as error:
             note(f"{error}; the simulated camera knows its pixels")
             views.append(view)
@@ -55,11 +53,16 @@ def load_views(
 
     They have the task's error between camera and hand.
     """
-    region = task.known.region
-    bounds = None if region is None else Region(region).bounds
     for path in paths:
         view = replace(load_view(path), hand_eye=HandEye(*task.robot.hand_eye))
-        yield view if view.mask is not None else segment_object(view, support_height, bounds)
+        yield view if view.mask is not None else _segmented(view, task, support_height)
+
+
+def _segmented(view: DepthView, task: Task, support_height: float) -> DepthView:
+    """Return a view with the object's pixels, found above the table in the task's region."""
+    region = task.known.region
+    bounds = None if region is None else Region(region).bounds
+    return segment_object(view, support_height, bounds)
 
 
 def look(task: Task, shape: Shape, support_height: float) -> DepthView:

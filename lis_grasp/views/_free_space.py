@@ -56,11 +56,9 @@ class SeenFreeSpace(Record):
         ends = ndimage.minimum_filter(far, 3)
         ends = np.where(unknown, -np.inf, ends - _DEVIATIONS * deviation(ends))
         blocked = mask | (unknown & about)
-        if not blocked.any():
-            return cls(
-                ends, blocked, np.full(depth.shape, float(sum(depth.shape))), intrinsics, X_WC
-            )
-        beside = ndimage.distance_transform_edt(~blocked) - 1.0
+        beside = np.full(depth.shape, float(sum(depth.shape)))
+        if blocked.any():
+            beside = ndimage.distance_transform_edt(~blocked) - 1.0
         return cls(ends, blocked, beside, intrinsics, X_WC)
 
     def depths(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:

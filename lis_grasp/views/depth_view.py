@@ -128,12 +128,8 @@ class DepthView(ByValue, Record):
     def posed(self, X_WC: FloatArray) -> DepthView:
         """Return the view with another pose of its camera (4, 4)."""
         moved = replace(self, X_WC=X_WC)
-        for name in (
-            "contacts_in_camera",
-            "_usable",
-            "_free_in_camera",
-        ):  # they do not depend on the pose
-            if name in self.__dict__:
+        for name in ("contacts_in_camera", "_usable", "_free_in_camera"):
+            if name in self.__dict__:  # they do not depend on the pose
                 moved.__dict__[name] = self.__dict__[name]
         return moved
 

@@ -94,7 +94,7 @@ class Sight(Record):
         contacts = view.contacts_in_camera
         points, normals = contacts.points, contacts.normals
         noise = np.zeros(0) if contacts.position_noise is None else contacts.position_noise
-        tree = cKDTree(_places(points, normals)) if len(points) else None
+        tree = cKDTree(places(points, normals, _CELL, _NORMAL_CELL)) if len(points) else None
         table, table_noise = np.empty((0, 3)), np.empty(0)
         if support_height is not None and len(points):
             table, table_noise = _table_of(view, support_height)
@@ -147,7 +147,8 @@ def _matched(prior: HandEye, sight: Sight, X_WC: FloatArray, touches: Contacts) 
     points = apply_inverse(X_WC, touches.points)
     normals = rotate_back(X_WC, touches.normals)
     count = min(_NEIGHBOURS, len(sight.points))
-    near = np.reshape(sight.tree.query(_places(points, normals), k=count)[1], (-1, count))
+    asked = places(points, normals, _CELL, _NORMAL_CELL)
+    near = np.reshape(sight.tree.query(asked, k=count)[1], (-1, count))
     middle, across = sight.points[near].mean(axis=1), unit(sight.normals[near].mean(axis=1))
     noise = np.full(len(points), _TOUCH_NOISE)
     if touches.position_noise is not None:
@@ -184,8 +185,9 @@ def _doubted(
     return replace(found, touches=len(relevant), contradicting=int(np.count_nonzero(wrong)))
 
 
-def _places(points: FloatArray, normals: FloatArray) -> FloatArray:
-    return np.hstack([points / _CELL, normals / _NORMAL_CELL])
+def places(points: FloatArray, normals: FloatArray, cell: float, normal_cell: float) -> FloatArray:
+    """Return rows (N, 6) whose distances compare points [m] in cells, and normals in theirs."""
+    return np.hstack([points / cell, normals / normal_cell])
 
 
 def _table_of(view: DepthView, support_height: float) -> tuple[FloatArray, FloatArray]:

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from lis_grasp.fragments import nearest_triangles, screen_planes
 from lis_grasp.geometry import apply_inverse, rotate
+from lis_grasp.shapes.fragments import nearest_triangles, screen_planes
 from lis_grasp.typing import FloatArray, IntArray
 from lis_grasp.views.camera import Intrinsics
 

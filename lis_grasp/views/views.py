@@ -16,7 +16,7 @@ from lis_grasp.surfaces import FreeSpace
 from lis_grasp.surfaces.contact_preparation import thin_contacts
 from lis_grasp.typing import BoolArray, FloatArray
 from lis_grasp.views.depth_view import DepthView
-from lis_grasp.views.hand_eye import Calibration, Sight, calibrate
+from lis_grasp.views.hand_eye import Calibration, Sight, calibrate, places
 
 # An implied contact deeper in seen free space is wrong [m]; free space ends so many deviations of
 # the place of what is seen before it.
@@ -147,7 +147,10 @@ class Views(Record):
         if len(together) <= most:
             return together
         means = thin_contacts(together, most)
-        _, near = cKDTree(_places(together)).query(_places(means), k=_NEIGHBOURS)
+        known, asked = (
+            places(each.points, each.normals, _CELL, _NORMAL_CELL) for each in (together, means)
+        )
+        _, near = cKDTree(known).query(asked, k=_NEIGHBOURS)
         assert together.position_noise is not None
         assert together.normal_noise is not None
         return replace(
@@ -205,10 +208,6 @@ def _with_pose_noise(contacts: Contacts, calibration: Calibration) -> Contacts:
     along = np.einsum("ni,nij,nj->n", contacts.normals, covariance, contacts.normals)
     assert contacts.position_noise is not None
     return replace(contacts, position_noise=np.sqrt(contacts.position_noise**2 + along))
-
-
-def _places(contacts: Contacts) -> FloatArray:
-    return np.hstack([contacts.points / _CELL, contacts.normals / _NORMAL_CELL])
 
 
 def _contradicted(implied: Contacts, touches: Contacts) -> BoolArray:

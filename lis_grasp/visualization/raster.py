@@ -6,6 +6,7 @@ pixel is shown. Surfaces may intersect, and need not be closed.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from lis_grasp.fragments import nearest_triangles, screen_planes
+from lis_grasp.shapes.fragments import nearest_triangles, screen_planes
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization._drawing import shade
 from lis_grasp.visualization.camera import LIGHT, View
@@ -111,3 +112,12 @@ def _averaged(picture: FloatArray) -> npt.NDArray[np.uint8]:
     total[..., :3] /= np.maximum(opaque, 1.0)
     total[..., 3:] /= _SAMPLES**2
     return np.round(255.0 * total).astype(np.uint8)
+
+
+def encode_png(picture: npt.NDArray[np.uint8]) -> bytes:
+    """Return a picture (rows, columns, 3) as PNG."""
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.fromarray(picture).save(stream, "PNG")
+    return stream.getvalue()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -24,7 +23,7 @@ from lis_grasp.visualization._object_layers import (
 )
 from lis_grasp.visualization.camera import ELEVATION, View, choose_azimuth
 from lis_grasp.visualization.hand_layers import hand_points, link_colour, link_poses
-from lis_grasp.visualization.raster import Solid, Window, render
+from lis_grasp.visualization.raster import Solid, Window, encode_png, render
 
 if TYPE_CHECKING:
     from lis_grasp.grasping.grasps import Grasp
@@ -137,13 +136,9 @@ class Still:
 
 def png_of(picture: npt.NDArray[np.uint8]) -> bytes:
     """Return a picture (rows, columns, 4) on white as PNG."""
-    from PIL import Image
-
-    stream = io.BytesIO()
     opacity = picture[..., 3:] / 255.0
     on_white = np.round(opacity * picture[..., :3] + 255.0 * (1.0 - opacity)).astype(np.uint8)
-    Image.fromarray(on_white).save(stream, "PNG")
-    return stream.getvalue()
+    return encode_png(on_white)
 
 
 def _discs(view: View, points: FloatArray, radius: float) -> trimesh.Trimesh:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +17,7 @@ from lis_grasp.views import DepthView
 from lis_grasp.visualization import _drawing as drawing
 from lis_grasp.visualization._drawing import OBJECT_NODE, Canvas, Layer
 from lis_grasp.visualization.colours import srgb, viridis
+from lis_grasp.visualization.raster import encode_png
 
 SEEN_COLOUR, GUESSED_COLOUR, UNKNOWN_COLOUR = "#1f9d55", "#c49a00", "#5c5c66"
 
@@ -73,8 +73,6 @@ def draw_seen(
 
 def depth_picture(view: DepthView) -> bytes:
     """Return the depth image as PNG: near is bright, the object in colours, holes are black."""
-    from PIL import Image
-
     depth, mask = view.depth[::_STRIDE, ::_STRIDE], view.object_mask[::_STRIDE, ::_STRIDE]
     known = np.isfinite(depth)
     grey = np.where(known, _nearness(depth, known), 0.0)
@@ -84,11 +82,7 @@ def depth_picture(view: DepthView) -> bytes:
     if shown.any():
         colours[shown] = viridis(_nearness(depth, shown)[shown])
     colours[mask & ~known] = srgb(UNKNOWN_COLOUR)
-    stream = io.BytesIO()
-    Image.fromarray(np.round(255.0 * np.clip(colours, 0.0, 1.0)).astype(np.uint8)).save(
-        stream, "PNG"
-    )
-    return stream.getvalue()
+    return encode_png(np.round(255.0 * np.clip(colours, 0.0, 1.0)).astype(np.uint8))
 
 
 def _nearness(

@@ -5,10 +5,9 @@ A task is carried out on the estimate, and judged on the truth; both are meshes 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import manifold3d
 import numpy as np
@@ -59,7 +58,7 @@ def slot_clearance(estimate: trimesh.Trimesh, truth: trimesh.Trimesh, axis: int)
     return enough if enough >= FAILED or holds(enough) else _least(holds, enough, FAILED)
 
 
-def _least(holds: Any, low: float, high: float) -> float:
+def _least(holds: Callable[[float], bool], low: float, high: float) -> float:
     """Return the least number for which a monotone condition holds, by bisection; else `high`."""
     if holds(low):
         return low

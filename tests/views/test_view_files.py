@@ -1,5 +1,6 @@
 """Files of depth views: images with a camera's YAML, archives, and mistakes in them."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ from PIL import Image
 
 from lis_grasp import Contacts
 from lis_grasp.cli.main import main
-from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.exceptions import InvalidFileError, NothingSeenError
+from lis_grasp.results.seen import see
 from lis_grasp.views import DepthView, draw_camera_pose, load_view, save_view, simulate_view
 from lis_grasp.views.image_files import load_image
 
@@ -126,3 +128,10 @@ def test_see_says_that_nothing_stands_on_the_table(
     assert main(["see", str(image), "--camera", str(camera)]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert not (tmp_path / "view.npz").exists()
+
+
+def test_an_object_without_any_depth_is_named(view: DepthView, tmp_path: Path) -> None:
+    holes = np.where(view.object_mask, np.nan, view.depth)
+    with pytest.raises(NothingSeenError):
+        see(replace(view, depth=holes), 0.0, tmp_path / "seen")
+    assert not (tmp_path / "seen").exists()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from lis_grasp.fragments import nearest_triangles
+from lis_grasp.shapes.fragments import nearest_triangles
 from lis_grasp.visualization.camera import LIGHT, View
 from lis_grasp.visualization.colours import srgb
 from lis_grasp.visualization.raster import Solid, Window, render
@@ -70,7 +70,7 @@ def test_the_picture_does_not_depend_on_the_fragments_in_memory(
 ) -> None:
     ball, window = trimesh.creation.icosphere(2, 0.05), _window(0.12, (60, 60))
     whole = _seen(ball, window)
-    monkeypatch.setattr("lis_grasp.fragments._MOST_FRAGMENTS", 100)
+    monkeypatch.setattr("lis_grasp.shapes.fragments._MOST_FRAGMENTS", 100)
     assert np.array_equal(_seen(ball, window), whole)
 
 
