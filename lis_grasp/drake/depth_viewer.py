@@ -78,8 +78,9 @@ class DepthViewer(LeafSystem):
         self.depth_image = declare("depth_image", AbstractValue.Make(ImageDepth32F()))
         self.camera_pose = declare("camera_pose", AbstractValue.Make(RigidTransform()))
         self.label_image = declare("label_image", AbstractValue.Make(ImageLabel16I()))
+        nothing = DepthView(np.full((3, 3), np.nan), self._intrinsics, np.eye(4))
         self.view = declare_output(
-            self, "view", None, self._calculate, {self.all_input_ports_ticket()}
+            self, "view", nothing, self._calculate, {self.all_input_ports_ticket()}
         )
 
     def _calculate(self, context: Context) -> DepthView:
