@@ -22,9 +22,9 @@ class CupWrenches:
 
     - a pull: ``N >= 0``;
     - shear and twist by friction mu: ``|f_t| + |m_z| / R <= mu N``, the linear limit surface;
-    - bending: ``|m_t| <= N R / 2``. An elastic ring presses with ``N (1 + a cos) / (2 pi R)`` per
-      length, whose moment is ``a N R / 2``; at a = 1 one side of the lip comes off, and leaks.
-      The paper has a constant of the rubber there, ``pi R kappa``.
+    - bending: ``|m_t| <= N R``, where the object tips over the lip's edge. The paper has a constant
+      of the rubber there, ``pi R kappa``. From ``N R / 2`` on, where a linear elastic ring presses
+      with 0 on one side, only a lip that follows the surface keeps the seal.
 
     Circles are replaced by regular polygons inside them.
     """
@@ -76,7 +76,7 @@ def _half_spaces(
     frames = tangent_frame(axes)  # (B, 2, 3)
     ways = np.stack([np.cos(angles), np.sin(angles)], axis=-1) @ frames  # (B, E, 3)
     along, none = np.broadcast_to(axes[:, None], ways.shape), np.zeros_like(ways)
-    grip, bend = inside * friction, inside * 0.5 * cup.radius
+    grip, bend = inside * friction, inside * cup.radius
     shear = ways + grip * along
     forces = np.concatenate([shear, shear, bend * along], axis=1)
     twist = along / cup.radius

@@ -1,4 +1,4 @@
-"""Seals of suction cups: where a round lip lies on a surface all around, and the lip's pose there."""
+"""Seals of suction cups: where a lip lies on a surface all around, and its pose there."""
 
 from __future__ import annotations
 

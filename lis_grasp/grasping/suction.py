@@ -43,12 +43,12 @@ class SuctionSampler:
     `ForceClosureSampler` checks it. Each is tried on 32 surfaces that the estimate's uncertainty
     allows (`allowed_meshes`), with the robot's error of place. Grasps have, by name:
 
-    - ``seal_probability``: the fraction of these surfaces on which the cup seals;
+    - ``closure_probability``: the fraction of these surfaces on which the cup seals;
     - ``success_probability``: the fraction on which it seals and carries the object, over the prior
       of mass, friction and centre of mass, through a shake of 1 g in any direction: the ranking;
     - ``acceleration``: the largest acceleration, in any direction, that the sealed cup adds to
       holding the weight at the medians [m/s^2] (`CupWrenches`). Of equals, the largest product
-      with ``seal_probability`` is first;
+      with ``closure_probability`` is first;
     - ``epsilon``: the largest wrench, in any direction, per newton of pull, torques about the
       centre of mass and divided by the largest distance of a vertex from it;
     - ``load_per_grip``: the same of forces alone, at the centre of mass;
@@ -63,7 +63,7 @@ class SuctionSampler:
     --------
     >>> sampler = SuctionSampler(Hand.load("cup"), candidates=400)
     >>> best = sampler.sample(shapes.find("box").mesh, count=1).best
-    >>> best.family, best.quality["seal_probability"]
+    >>> best.family, best.quality["closure_probability"]
     ('suction', 1.0)
     """
 
@@ -167,7 +167,7 @@ class SuctionSampler:
         scores = _scores(mesh, batch.points[:, 0], batch.normals[:, 0], self._cup, self.prior, rng)
         assert batch.clearance is not None
         batch = batch.with_quality(**scores, clearance=batch.clearance)
-        spare = scores["seal_probability"] * scores["acceleration"]
+        spare = scores["closure_probability"] * scores["acceleration"]
         order = np.lexsort((-spare, -scores["success_probability"]))
         return [self._grasp(batch, k) for k in order]
 
@@ -220,12 +220,33 @@ def _scores(
     none, weight = wrenches.spare_forces(np.array([0.0, GRAVITY * prior.mass]))
     return {
         "epsilon": wrenches.epsilon(length) / cup.pull,
-        "seal_probability": sealed / _SURFACES,
+        "closure_probability": sealed / _SURFACES,
         "success_probability": carried / _SURFACES,
         "acceleration": weight / prior.mass,
         "load_per_grip": none / cup.pull,
         "grip": np.full(len(points), cup.pull),
     }
+
+
+def cup_epsilon(
+    mesh: trimesh.Trimesh, cup: Cup, points: FloatArray, axes: FloatArray, *, friction: float
+) -> FloatArray:
+    """Return ``epsilon`` of cups that are pressed on a mesh, (B,), 0 without a seal.
+
+    They press at points (B, 3) [m] of it, against outward axes (B, 3), in O.
+
+    Examples
+    --------
+    >>> box = shapes.find("box").mesh
+    >>> top, up = np.array([[0.0, 0.0, box.bounds[1, 2]]]), np.array([[0.0, 0.0, 1.0]])
+    >>> cup_epsilon(box, Hand.load("cup").cup, top, up, friction=0.5).round(2)
+    array([0.12])
+    """
+    pressed = press_cups(MeshTree(mesh), points, axes, cup)
+    center = np.asarray(mesh.center_mass)
+    length = float(np.linalg.norm(mesh.vertices - center, axis=1).max())
+    wrenches = CupWrenches.of(cup, friction, pressed.centers, pressed.axes, origin=center)
+    return np.asarray(np.where(pressed.sealed, wrenches.epsilon(length) / cup.pull, 0.0))
 
 
 def _carried(pressed: Seals, center: FloatArray, cup: Cup, prior: LoadPrior) -> FloatArray:

@@ -67,5 +67,4 @@ def closure_probability(agent: Agent, contacts: Contacts) -> float:
     load = replace(agent.load.of_mesh(mesh), friction_spread=0.0, mass_spread=0.0)
     best = replace(agent, load=KnownLoad(load), station=None).deciding(grasps=1)
     search = plan_grasps(best, mesh, candidates=_FEW_SETS)
-    quality = "closure_probability" if agent.hand.cup is None else "seal_probability"
-    return search.grasps[0].quality[quality] if search.grasps else 0.0
+    return search.grasps[0].quality["closure_probability"] if search.grasps else 0.0
