@@ -73,7 +73,7 @@ def test_walls_are_off_by_the_difference_of_the_extents() -> None:
 
 
 def test_a_cup_seals_on_a_face_and_not_over_an_edge() -> None:
-    x = np.array([0.0, 0.5 * SIDE - CUP - 1e-3, 0.5 * SIDE - CUP + 2e-3])
+    x = np.array([0.0, 0.5 * SIDE - CUP.radius - 1e-3, 0.5 * SIDE - CUP.radius + 2e-3])
     points = np.column_stack([x, 0.0 * x, np.full(3, 0.5 * SIDE)])
     sealed = on(BOX).seals(points, np.tile([0.0, 0.0, 1.0], (3, 1)))
     assert sealed.tolist() == [True, True, False]
@@ -90,7 +90,7 @@ def test_of_the_true_surface_all_cups_are_accepted() -> None:
     counts = suction(on(BOX), on(BOX), NO_EDGES)
     assert counts["true"] == counts["accepted"] == counts["said"] == counts["kept"] > 100
     # A cup of radius r fits on (s - 2 r)^2 of each face; 400 samples, four standard errors.
-    share = (1.0 - 2.0 * CUP / SIDE) ** 2
+    share = (1.0 - 2.0 * CUP.radius / SIDE) ** 2
     assert counts["true"] / 400 == pytest.approx(
         share, abs=4.0 * np.sqrt(share * (1 - share) / 400)
     )
