@@ -203,6 +203,8 @@ def _probe_postures(hand: Hand) -> Iterator[Finding]:
 
 def _forces(hand: Hand) -> Iterator[Finding]:
     """Compare the force limit with the pad forces that the motors can hold: |J^T f| <= effort."""
+    if hand.cup is not None:
+        return  # the wrist presses it
     held = forces_along_pads(hand)
     weakest = int(np.argmin(held))
     fine = hand.max_contact_force <= 2.0 * held[weakest]

@@ -84,7 +84,7 @@ def test_a_pull_lifts_a_free_object_with_the_force_less_its_weight(kind: str) ->
         from lis_grasp.simulation.mujoco.lift import MujocoScene
 
         scene = MujocoScene(setup, [BLOCK])
-    scene.place_hand(np.array([0.3, 0.0, 0.3, 0.0, 0.0, 0.0]), np.zeros(3))
+    scene.place_hand(np.array([0.3, 0.0, 0.3, 0.0, 0.0, 0.0]), np.zeros(2))
     force, steps = 5.0, 20
     up = np.array([0.0, 0.0, 1.0])
     start = scene.X_WO[2, 3]
