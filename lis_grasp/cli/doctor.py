@@ -115,14 +115,16 @@ def _drake() -> Finding:
 
 
 def _memory() -> Finding:
+    # Free pages alone would leave out what the system's caches give back on demand.
     try:
-        pages = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (ValueError, OSError):
-        return Finding(True, "free memory: unknown on this system")
-    free = pages / 2**30
-    enough = free >= _ENOUGH_MEMORY
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        kibibytes = next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable:"))
+    except (OSError, StopIteration):
+        return Finding(True, "memory: unknown on this system")
+    available = kibibytes / 2**20
+    enough = available >= _ENOUGH_MEMORY
     advice = "" if enough else f"; a process needs up to {_ENOUGH_MEMORY:g} GiB"
-    return Finding(enough, f"free memory: {free:.1f} GiB{advice}")
+    return Finding(enough, f"available memory: {available:.1f} GiB{advice}")
 
 
 def _browser() -> Finding:
