@@ -10,6 +10,9 @@ from pkgutil import resolve_name
 from types import MappingProxyType, ModuleType
 from typing import Any
 
+from lis_grasp._words import FUNCTIONS
+from lis_grasp.exceptions import nearest_or_all
+
 # Modules of 2.0, and names of its packages, with their places now. They resolve until 4.0.
 MOVED = {
     "lis_grasp.logs.detection": "lis_grasp.exploration.touch_detection",
@@ -114,7 +117,7 @@ def module_names(
     """Return `__getattr__` and `__dir__` of a package, whose old names resolve.
 
     `homes` are modules of `lis_grasp`, each with the names that are loaded from it on first use.
-    A name of 1.x raises `AttributeError` with its new place.
+    A name of 1.x raises `AttributeError` with its new place, another one with the nearest name.
     """
 
     def get(name: str) -> Any:
@@ -125,7 +128,10 @@ def module_names(
             if name in (home, *homes[home].split()):
                 loaded = import_module(f"lis_grasp.{home}")
                 return loaded if name == home else getattr(loaded, name)
-        sentence = new_place(full) or f"module '{module}' has no attribute '{name}'"
+        if module == "lis_grasp" and name in FUNCTIONS:
+            return resolve_name(f"lis_grasp.{FUNCTIONS[name]}")
+        advice = "" if name.startswith("_") else nearest_or_all(name, names)
+        sentence = new_place(full) or f"module '{module}' has no attribute '{name}'{advice}"
         raise AttributeError(sentence, name=name, obj=sys.modules[module])
 
     return get, lambda: sorted(names)

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from lis_grasp._words import WordedClass
 from lis_grasp.exceptions import InvalidContactsError, require_packages
 from lis_grasp.geometry import UNIT_ROUNDING, UNIT_TOLERANCE, apply_pose, inverse_pose, rotate
 from lis_grasp.io.contact_files import contact_columns, read_contact_file, write_contact_file
@@ -31,7 +32,7 @@ HALF_SPACE = 100.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Contacts(ByValue, Record):
+class Contacts(ByValue, Record, metaclass=WordedClass):
     """Oriented contact points of an object, in its frame O.
 
     Parameters

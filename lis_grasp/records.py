@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from lis_grasp._words import Worded
+
 # Entries of an array that are shown; of longer ones the shape is.
 _SHOWN = 4
 
@@ -18,7 +20,7 @@ _Key = TypeVar("_Key")
 _Value = TypeVar("_Value")
 
 
-class Record:
+class Record(Worded):
     """Base of frozen records that travel: a copy of one, deep or shallow, is the record itself."""
 
     __slots__ = ()

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from threadpoolctl import threadpool_limits
 
+from lis_grasp._words import OPTIONS, option_called
 from lis_grasp.cli.examples import EXAMPLES, format_examples
 from lis_grasp.cli.importing import import_uncollected, interrupts_after_imports
 from lis_grasp.cli.progress import complain, open_streams, say
@@ -55,8 +56,16 @@ _VERBS = (
 )
 _CORE_VERBS = tuple(name for name, _, _ in _VERBS)
 
-# Names of options in other programs and in the Python functions.
-_GUESSED = dict.fromkeys(("--table", "--support-height", "--ground"), "--support")
+# Verbs by other words, and flags of options that the Python functions name otherwise.
+_VERB_WORDS = {
+    "touch": "explore",
+    **dict.fromkeys(("plan", "grasps"), "grasp"),
+    **dict.fromkeys(("fit", "reconstruct"), "estimate"),
+    **dict.fromkeys(("simulate", "execute"), "lift"),
+    **dict.fromkeys(("show", "visualize", "visualise", "plot", "open"), "view"),
+    "check": "doctor",
+}
+_FLAGS = {"support_height": "support", "folder": "output"}
 
 
 class _Parser(argparse.ArgumentParser):
@@ -73,13 +82,29 @@ class _Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse arguments; refuse unknown ones here, where the options of a verb are known."""
+        args = [self._in_our_words(text) for text in (sys.argv[1:] if args is None else args)]
         known, unknown = super().parse_known_args(args, namespace)
         if unknown:
             options = re.findall(r"--[\w-]+", self.format_usage())
             flag = unknown[0].partition("=")[0]
-            suggestion = nearest_of(_GUESSED.get(flag, flag), options)
+            names = {option.lstrip("-"): option for option in options}
+            suggestion = nearest_of(flag.lstrip("-"), names).replace("'", "'--", 1)
             self.error(f"unrecognized arguments: {' '.join(unknown)}{suggestion}")
         return known, unknown
+
+    def _in_our_words(self, text: str) -> str:
+        """Return an argument, with the flag that this parser has for one of another program."""
+        flag, equals, value = text.partition("=")
+        own = self._option_string_actions
+        if not flag.startswith("-") or any(option.startswith(flag) for option in own):
+            return text
+        names = {_FLAGS.get(name, name).replace("_", "-"): name for name in OPTIONS}
+        accepted = [name for ours, name in names.items() if f"--{ours}" in own]
+        word = "output" if flag == "-o" else flag[2:].replace("-", "_")
+        name = option_called(word, accepted)
+        return (
+            text if name == word else f"--{_FLAGS.get(name, name).replace('_', '-')}{equals}{value}"
+        )
 
 
 def _converter(kind: type, required: str) -> Callable[[str], Any]:
@@ -161,7 +186,9 @@ def _run(arguments: Sequence[str] | None) -> int:
             say(build_parser("").format_help().rstrip())
             return 2
         if verb and verb not in _CORE_VERBS and verb not in (names := _verb_registry().names):
-            raise InvalidOptionError.not_one_of("VERB", verb, names)
+            if verb not in _VERB_WORDS:
+                raise InvalidOptionError.not_one_of("VERB", verb, names)
+            arguments[arguments.index(verb)] = verb = _VERB_WORDS[verb]
         options = build_parser(verb).parse_args(arguments)
         # Threads change the order of sums, and thus the last digits of results.
         with threadpool_limits(1), _notes_only(), ExitStack() as options.until_end:

@@ -8,6 +8,7 @@ import trimesh
 from scipy.spatial import cKDTree
 from trimesh.graph import connected_component_labels
 
+from lis_grasp._words import takes_words
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.meshing._band import COARSE, sample_band
 from lis_grasp.meshing._dual_contouring import contour
@@ -32,6 +33,7 @@ _KNOWN = 0.25
 
 
 @underflows
+@takes_words()
 def extract_mesh(
     surface: ImplicitSurface,
     *,

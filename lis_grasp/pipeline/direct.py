@@ -10,6 +10,7 @@ from typing import Any
 
 import trimesh
 
+from lis_grasp._words import takes_words
 from lis_grasp.exploration import Exploration
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.outcome import LiftOutcome
@@ -40,8 +41,12 @@ from lis_grasp.world import Surroundings
 
 # Options that a plan and a lift use, beside hand and object.
 _LOAD = ("size", "units", "up", "mass", "friction", "load", "arm", "base", "world", "at")
+_PLANNED = (*_LOAD, "grasps", "seed")
+_LIFTED = (*_LOAD, "simulator")
+_EXPLORED = {"known", *task_options()} - {"object", "hand", "free_space", *LIFTING}
 
 
+@takes_words(*task_options())
 def run(
     object: str | Path | Task,
     hand: str | Path | None = None,
@@ -106,6 +111,7 @@ def run(
     return run_task(task, folder, progress=progress, fresh=fresh)
 
 
+@takes_words(*_EXPLORED)
 def explore(
     object: AnyObject, hand: AnyHand = USUAL_HAND, *, rng: Seed = 0, **options: Any
 ) -> Exploration:
@@ -142,11 +148,11 @@ def explore(
     >>> exploration.made
     3
     """
-    later = {"object", "hand", "free_space", *LIFTING}
-    require_options(options, {"known", *task_options()} - later)
+    require_options(options, _EXPLORED)
     return touch(_scenario(object, hand, {"seed": seed_of(rng, options), **options}))
 
 
+@takes_words(*_PLANNED)
 def plan(
     mesh: AnyObject,
     hand: AnyHand = USUAL_HAND,
@@ -190,7 +196,7 @@ def plan(
     >>> search.best.hand, search.best.pose.shape
     ('wsg50', (4, 4))
     """
-    require_options(options, (*_LOAD, "grasps", "seed"))
+    require_options(options, _PLANNED)
     require_one_load(options)
     named, options["seed"] = object_name(mesh), seed_of(rng, options)
     task = Task.of(named, known=True, hand=hand_name(hand), **options)
@@ -201,6 +207,7 @@ def plan(
     return plan_grasps(Agent.of(task, height, hand=loaded_hand(hand)), solid)
 
 
+@takes_words(*_LIFTED)
 def lift(
     object: AnyObject,
     hand: AnyHand | Grasp | None = None,
@@ -235,15 +242,15 @@ def lift(
     >>> lift("box", grasp, friction=0.9).held
     True
     """
-    require_options(options, (*_LOAD, "simulator"))
-    if isinstance(hand, Grasp):
-        hand, grasp = None, grasp or hand
+    require_options(options, _LIFTED)
+    if isinstance(hand, Grasp):  # lift(object, grasp), or lift(object, grasp, hand)
+        hand, grasp = grasp, hand  # type: ignore[assignment]
     if not isinstance(grasp, Grasp):
         raise TypeError(
             "grasp of lift(object, hand, grasp) must be a Grasp, such as plan(...).best; it is a"
             f" {type(grasp).__name__}"
         )
-    chosen = grasp.hand if hand is None else hand
+    chosen = grasp.hand if hand is None or isinstance(hand, Grasp) else hand
     return lift_object(_scenario(object, chosen, {"known": True, **options}), grasp)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from lis_grasp._words import Worded, WordedClass
 from lis_grasp.records import FrozenArrays, reduce_record
 from lis_grasp.typing import FloatArray
 
@@ -116,7 +117,7 @@ class ProbePosture(FrozenArrays):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RobotModel(FrozenArrays):
+class RobotModel(Worded, FrozenArrays, metaclass=WordedClass):
     """Links, joints and collision bodies of a description; for the fields see `Hand`."""
 
     joint_names: tuple[str, ...]

@@ -8,6 +8,7 @@ from typing import Any, overload
 import numpy as np
 import numpy.typing as npt
 
+from lis_grasp._words import Worded
 from lis_grasp.contacts import FARTHEST, Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
 from lis_grasp.typing import FloatArray, IndexArray
@@ -31,7 +32,7 @@ _SPREAD = np.array([int(f"{number:b}", base=8) for number in range(1 << _BITS)])
 _BLOCK, _BLOCK_EXTENT = 2048, 8.0
 
 
-class Predicting:
+class Predicting(Worded):
     """Base of surfaces that are also queried in the words of scikit-learn.
 
     A subclass is an `ImplicitSurface`, whose protocol has none of this.

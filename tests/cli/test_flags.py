@@ -60,7 +60,7 @@ def test_a_word_in_backquotes_of_a_message_is_an_option_or_a_verb() -> None:
                     assert set(words) <= known, (path.name, node.lineno)
 
 
-@pytest.mark.parametrize("flag", ["--table", "--support-height", "--suport"])
+@pytest.mark.parametrize("flag", ["--suport", "--supporting"])
 def test_a_guessed_option_of_the_table_is_answered(
     flag: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
