@@ -80,7 +80,12 @@ def positional(path: Path, rows: Sequence[Sequence[str]]) -> Columns:
 
 def read_npy(path: Path) -> Columns:
     """Return the columns of an array of shape (..., 3), (..., 6) with normals, or with names."""
-    return _named(path, "points", np.load(path, allow_pickle=False))
+    return columns_of(path, np.load(path, allow_pickle=False))
+
+
+def columns_of(path: Path, array: npt.NDArray[Any]) -> Columns:
+    """Return the columns of an array of points, as `read_npy` does."""
+    return _named(path, "points", array)
 
 
 def read_npz(path: Path) -> Columns:

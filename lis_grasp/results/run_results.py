@@ -12,6 +12,7 @@ from typing import Any
 
 import trimesh
 
+from lis_grasp._words import Worded, WordedClass
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.grasping.grasps import GraspSearch
@@ -36,7 +37,7 @@ class _Report(FileRecord):
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
-class Run:
+class Run(Worded, metaclass=WordedClass):
     """Results in a folder: everything, also the true object, is in the frame of its contacts.
 
     Missing results are None.
@@ -148,6 +149,11 @@ class Run:
         task, height = self.task, self.facts.get("support_height")
         known = Perception.of(task.robot, task.decide, height if task.on_table else None)
         return SurfaceEstimate(self.contacts, known).surface
+
+    @property
+    def held(self) -> bool | None:
+        """Whether the lifted object was held through the shake; None without a lift."""
+        return None if self.lift is None else bool(self.lift["held"])
 
     @property
     def lift(self) -> Mapping[str, Any] | None:

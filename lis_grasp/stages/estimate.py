@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from lis_grasp._words import takes_words
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import (
     InvalidOptionError,
@@ -44,6 +45,7 @@ from lis_grasp.surfaces.contact_checks import (
     doubt_of_table,
     turned_outward,
 )
+from lis_grasp.surfaces.contact_loading import ContactSource, load_contacts
 from lis_grasp.surfaces.estimators import (
     ESTIMATORS,
     accepted_options,
@@ -241,8 +243,9 @@ class SurfaceEstimate(Record):
         return box
 
 
+@takes_words("position_noise", "normal_noise")
 def estimate(
-    contacts: Contacts,
+    contacts: Contacts | ContactSource,
     estimator: str | Estimator = "blend",
     *,
     support_height: float | None = None,
@@ -257,14 +260,13 @@ def estimate(
     Parameters
     ----------
     contacts
-        Contacts of one object, in its frame O.
+        Contacts of one object, in its frame O, or what `load_contacts` reads.
     estimator
         "blend", "smooth", "gpis", "lis", "patch", or a plug-in: its name, ``my.module:Class``,
         or a function of contacts.
     support_height
         Height of the table on which the object stands [m]; None for none. It closes the estimate
-        from below, and walls that were touched near it continue down to it. ``table`` is its name
-        in 2.0.
+        from below, and walls that were touched near it continue down to it.
     free_space
         Whether the contacts' free space is removed from the estimate.
     keep_all
@@ -291,12 +293,10 @@ def estimate(
     >>> bool(abs(surface.evaluate([0.0, 0.0, 0.03])) < 1e-6)  # the surface is where this is 0
     True
     """
-    if not isinstance(contacts, Contacts):
-        raise TypeError(
-            f"write Contacts(points, normals) or load_contacts(path), not {type(contacts).__name__}"
-        )
-    height, margin = options.pop("table", support_height), options.pop("margin", 0.0)
     normals, views = options.pop("normals", None), tuple(options.pop("views", ()))
+    if not isinstance(contacts, Contacts):
+        contacts = load_contacts(contacts, normals=normals)
+    height, margin = support_height, options.pop("margin", 0.0)
     if views and height is None:
         message = "views are of an object on a table: give its height, support_height"
         raise InvalidOptionError(message, option="support_height")
