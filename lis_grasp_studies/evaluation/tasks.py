@@ -66,7 +66,7 @@ HULL, TRUTH = "hull", "truth"
 COUNTS = (20, 40)
 _HAND = "allegro"
 _NOISE = {"position_noise": 0.0005, "normal_noise": float(np.radians(3.0))}
-_CUP = 0.01  # radius of a suction cup [m]
+_GRIPPER = "cup"  # whose suction cup is pressed on
 _PLACES = 400  # of cups, on each surface
 _YAWS = 8
 _FLOOR = 2e-4  # clearances below this are equal [m]
@@ -85,7 +85,9 @@ class TaskTrial:
 def measure_tasks(trial: TaskTrial, estimator: str) -> list[Row]:
     """Return a row for each number of contacts."""
     shape, contacts = _explored(trial)
-    truth, edges = Surface(shape.mesh, _PLACES, _CUP, trial.seed), _along(shape.edges)
+    cup, edges = Hand.load(_GRIPPER).pads[0].cup, _along(shape.edges)
+    assert cup is not None
+    truth = Surface(shape.mesh, _PLACES, cup, trial.seed)
     rows = []
     for count in COUNTS:
         row: Row = {"object": shape.name, "count": count, "family": shape.name.split("-")[0]}
@@ -94,7 +96,7 @@ def measure_tasks(trial: TaskTrial, estimator: str) -> list[Row]:
         except LisGraspError as error:
             rows.append(row | {"failure": str(error), "slot": FAILED, "wall": FAILED})
             continue
-        said = Surface(mesh, _PLACES, _CUP, trial.seed)
+        said = Surface(mesh, _PLACES, cup, trial.seed)
         slots = [slot_clearance(mesh, shape.mesh, axis) for axis in (2, 0, 1)]
         yaws = np.random.default_rng([trial.seed, trial.number]).uniform(0.0, 2.0 * np.pi, _YAWS)
         walls = np.abs(wall_errors(mesh, shape.mesh, np.array([0.0, *yaws]))).max(axis=1)
