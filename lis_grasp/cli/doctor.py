@@ -17,7 +17,7 @@ from lis_grasp.cli.progress import say, say_findings
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_check import Finding, check_hand
+from lis_grasp.robots.hand_check import Finding, hand_findings
 from lis_grasp.robots.repair_file import write_repaired
 from lis_grasp.robots.yaml_files import description_of
 from lis_grasp.stages.estimate import SurfaceEstimate
@@ -59,7 +59,7 @@ def execute(options: argparse.Namespace) -> None:
         hand = Hand.load(options.hand or Task().robot.hand)
         findings = check_arm(Arm.load(options.arm), hand)
     elif options.hand is not None:
-        findings = check_hand(Hand.load(options.hand))
+        findings = hand_findings(Hand.load(options.hand))
     else:
         findings = check_machine()
     say_findings(findings)

@@ -9,13 +9,13 @@ import yaml
 from lis_grasp.cli.main import main
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_check import check_hand
+from lis_grasp.robots.hand_check import hand_findings
 from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
 
 
 @pytest.mark.parametrize("name", HAND_NAMES)
 def test_shipped_hands_are_healthy(name: str) -> None:
-    faults = [finding.text for finding in check_hand(Hand.load(name)) if not finding.fine]
+    faults = [finding.text for finding in hand_findings(Hand.load(name)) if not finding.fine]
     assert not faults
 
 
