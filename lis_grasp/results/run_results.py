@@ -12,7 +12,6 @@ from typing import Any
 
 import trimesh
 
-from lis_grasp._words import Worded, WordedClass
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.grasping.grasps import GraspSearch
@@ -37,7 +36,7 @@ class _Report(FileRecord):
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
-class Run(Worded, metaclass=WordedClass):
+class Run:
     """Results in a folder: everything, also the true object, is in the frame of its contacts.
 
     Missing results are None.

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from lis_grasp._words import takes_words
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import (
     InvalidOptionError,
@@ -243,7 +242,6 @@ class SurfaceEstimate(Record):
         return box
 
 
-@takes_words("position_noise", "normal_noise")
 def estimate(
     contacts: Contacts | ContactSource,
     estimator: str | Estimator = "blend",
@@ -266,7 +264,8 @@ def estimate(
         or a function of contacts.
     support_height
         Height of the table on which the object stands [m]; None for none. It closes the estimate
-        from below, and walls that were touched near it continue down to it.
+        from below, and walls that were touched near it continue down to it. ``table`` is its name
+        in 2.0.
     free_space
         Whether the contacts' free space is removed from the estimate.
     keep_all
@@ -296,7 +295,7 @@ def estimate(
     normals, views = options.pop("normals", None), tuple(options.pop("views", ()))
     if not isinstance(contacts, Contacts):
         contacts = load_contacts(contacts, normals=normals)
-    height, margin = support_height, options.pop("margin", 0.0)
+    height, margin = options.pop("table", support_height), options.pop("margin", 0.0)
     if views and height is None:
         message = "views are of an object on a table: give its height, support_height"
         raise InvalidOptionError(message, option="support_height")

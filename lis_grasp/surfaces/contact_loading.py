@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp._words import takes_words
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
 from lis_grasp.io.contact_files import point_fields, read_point_file
@@ -40,7 +39,6 @@ ContactSource: TypeAlias = "Path | str | npt.ArrayLike | pandas.DataFrame"
 """What `load_contacts` reads: a file, an array of numbers or with names, or a table of pandas."""
 
 
-@takes_words()
 def load_contacts(
     path: ContactSource,
     *,
