@@ -30,6 +30,17 @@ from lis_grasp.version import __version__
 _PACKAGES = ("drake", "numpy", "scipy", "trimesh", "python-fcl", "meshcat", "manifold3d")
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
 _ENOUGH_MEMORY = 2.0  # [GiB]
+# Renders an empty depth image with Drake.
+_RENDERING = """
+from pydrake.geometry import ClippingRange, DepthRange, DepthRenderCamera, MakeRenderEngineVtk
+from pydrake.geometry import RenderCameraCore, RenderEngineVtkParams
+from pydrake.math import RigidTransform
+from pydrake.systems.sensors import CameraInfo, ImageDepth32F
+core = RenderCameraCore("", CameraInfo(8, 8, 1.0), ClippingRange(0.1, 1.0), RigidTransform())
+camera, image = DepthRenderCamera(core, DepthRange(0.1, 1.0)), ImageDepth32F(8, 8)
+MakeRenderEngineVtk(RenderEngineVtkParams()).RenderDepthImage(camera, image)
+assert (image.data == float("inf")).all()
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -87,7 +98,7 @@ def check_machine() -> list[Finding]:
         f"lis-grasp {__version__}, Python {platform.python_version()},"
         f" {platform.system()} {platform.machine()}, {os.cpu_count()} cores"
     )
-    checks = _packages(), _drake(), _memory(), _browser(), _self_test()
+    checks = _packages(), _drake(), _rendering(), _memory(), _browser(), _self_test()
     return [Finding(True, machine), *checks]
 
 
@@ -112,6 +123,24 @@ def _drake() -> Finding:
     reason = (done.stderr.strip().splitlines() or ["it ended without a message"])[-1]
     advice = "; install Debian's libglib2.0-0" if "libgthread" in reason or "glib" in reason else ""
     return Finding(False, f"Drake cannot be imported: {reason}{advice}")
+
+
+def _rendering() -> Finding:
+    """Return whether Drake's renderer works: for cameras in Diagrams only, so no fault if not."""
+    # Without a driver of EGL it ends the process.
+    command = [sys.executable, "-c", _RENDERING]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode == 0:
+        return Finding(True, "Drake can render depth images")
+    crash = f"it crashed with signal {-done.returncode}"
+    reason = (
+        crash if done.returncode < 0 else (done.stderr.strip().splitlines() or ["no reason"])[-1]
+    )
+    return Finding(
+        True,
+        f"Drake cannot render depth images ({reason}): an RgbdSensor needs EGL, Debian's libegl1"
+        " and libgl1-mesa-dri; run --camera does not",
+    )
 
 
 def _memory() -> Finding:

@@ -53,6 +53,7 @@ from lis_grasp.surfaces.estimators import (
     require_noise_below_size,
     require_signs,
 )
+from lis_grasp.surfaces.least_uncertainty import LeastUncertainty
 from lis_grasp.surfaces.measured_extents import measured_extents
 from lis_grasp.task.decide import Decide
 from lis_grasp.task.robot import Robot
@@ -206,10 +207,12 @@ class SurfaceEstimate(Record):
 
     def _made(self, contacts: Contacts, guesses: Contacts) -> ImplicitSurface:
         """Return the surface of contacts with their verdict, what was seen, and guesses."""
-        more = guesses.append(self.given.seen)
-        if len(self.given.seen):
-            more, contacts = (replace(each, judged=True) for each in (more, contacts))
-        return self.perception.make(contacts.append(more))
+        make, seen = self.perception.make, self.given.seen
+        if not len(seen):
+            return make(contacts.append(guesses))
+        touched, implied, seen = (replace(c, judged=True) for c in (contacts, guesses, seen))
+        surface = make(touched.append(implied).append(seen))
+        return LeastUncertainty(surface, touched.append(seen))
 
     @cached_property
     def surface(self) -> ImplicitSurface:

@@ -225,7 +225,7 @@ class Scene:
             grid=grid,
             story=story,
             planned=len(self.grasps),
-            picture=None if self.seen is None else depth_picture(self.seen.view),
+            picture=None if self.seen is None else depth_picture(self.seen.view, self.seen.guesses),
         )
         return build_page(self.title, canvas, overlay=overlay, content=content)
 
