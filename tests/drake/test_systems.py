@@ -204,6 +204,7 @@ def test_a_grasp_is_a_cost_and_a_pose_and_infinite_without_a_mesh() -> None:
         assert planner.plan.Eval(context) is search
 
 
+@pytest.mark.slow
 def test_meshcat_shows_contacts_estimate_and_grasps_drawn_once_from_its_thread() -> None:
     meshcat = Meshcat()
     estimator = SurfaceEstimator("gpis", meshcat=meshcat, path="own/estimate", replay=True)

@@ -253,6 +253,7 @@ def _with_joints(
     return contacts_from_log(log, [Finger(tip="tip")], frames, TOUCH)[0]
 
 
+@pytest.mark.slow
 def test_joints_of_two_publishers_on_one_topic_are_one_robot(
     recording: Recording, tmp_path: Path
 ) -> None:
@@ -266,6 +267,7 @@ def test_joints_of_two_publishers_on_one_topic_are_one_robot(
         assert_true(_with_joints(recording, folder, **bag), recording, position=3e-4)
 
 
+@pytest.mark.slow
 def test_commands_beside_states_are_asked_for(recording: Recording, tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     _, joints = robot_of(recording, tmp_path)

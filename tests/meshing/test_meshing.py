@@ -72,6 +72,7 @@ def test_a_cube_along_the_grid_is_exact() -> None:
     assert distances.max() < 1e-9
 
 
+@pytest.mark.by_default("0", "1", "2")
 @pytest.mark.parametrize("seed", range(8))
 def test_a_turned_cube_keeps_its_edges(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -35,6 +35,7 @@ def touches(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_an_estimate_names_bad_contacts_and_grasps_repeat_it(touches: Path) -> None:
     said = Told()
     made = estimate_file([ContactSource(touches)], touches.parent / "out", progress=said)

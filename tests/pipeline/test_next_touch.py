@@ -30,6 +30,7 @@ def known(hand: Hand, space: Workspace | Region) -> pipeline.Known:
     return Agent.of(pipeline.RunConfig(), 0.0, hand=hand).placed(space)
 
 
+@pytest.mark.by_default("wsg50")
 @pytest.mark.parametrize("name", ["allegro", "wsg50"])
 def test_the_hand_is_at_the_start_of_the_probe(name: str, explored: Exploration) -> None:
     hand, contacts = Hand.load(name), explored.contacts
@@ -179,6 +180,7 @@ def test_the_command_uses_the_region_and_the_table_that_a_file_records(
     assert written(placed, "--support", str(low)) == table
 
 
+@pytest.mark.slow
 def test_without_a_table_the_hand_stays_above_the_lowest_contact(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

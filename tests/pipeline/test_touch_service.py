@@ -40,6 +40,7 @@ def _feel(touch: dict[str, Any]) -> dict[str, Any]:
     return {"points": points.tolist(), "normals": BOX.face_normals[faces].tolist()}
 
 
+@pytest.mark.slow
 def test_each_touch_is_that_of_the_command_with_the_log(tmp_path: Path) -> None:
     service, hand = _service(tmp_path), Hand.load("wsg50")
     touch = service.answer({})

@@ -475,6 +475,7 @@ def test_a_hand_with_a_tactile_check_stops_at_an_unexpected_contact(allegro: Han
     assert np.linalg.norm(outcome.X_WO[:3, 3]) < 5e-3
 
 
+@pytest.mark.slow
 def test_an_object_at_another_pose_is_touched_there(wsg50: Hand) -> None:
     X_WO = np.eye(4)
     X_WO[0, 3] = 0.004
