@@ -34,6 +34,7 @@ FUNCTIONS = {
             "pipeline.direct.lift": "simulate simulate_lift simulate_grasp lift_object execute",
             "evaluation.surface_error.surface_error": "chamfer chamfer_distance compare_meshes",
             "grasping.epsilon.epsilon_quality": "ferrari_canny grasp_quality",
+            "visualization.Scene": "show plot draw view visualize visualise",
             "robots.arm.Arm": "Arm",
             "robots.arm.Arm.load": "load_arm",
             "robots.hand.Hand.load": "load_hand load_gripper",

@@ -554,6 +554,7 @@ def test_bodies_frames_and_instances_are_felt_by_index_or_name() -> None:
         assert refused.value.option == option
 
 
+@pytest.mark.by_default("3", "x")
 @pytest.mark.parametrize("value", ["x", 3, np.zeros(3), [], RigidTransform(), object()])
 def test_an_option_of_another_kind_is_refused_and_not_passed_to_drake(value: Any) -> None:
     _, plant, _ = plant_of()

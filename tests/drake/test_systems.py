@@ -236,6 +236,7 @@ def test_meshcat_shows_contacts_estimate_and_grasps_drawn_once_from_its_thread()
     assert drawn == [True] * count + [False] * (3 - count)
 
 
+@pytest.mark.by_default("wsg50")
 @pytest.mark.parametrize("name", HAND_NAMES)
 def test_the_packages_own_hand_from_a_parser_is_the_one_that_is_added(name: str) -> None:
     plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.002)

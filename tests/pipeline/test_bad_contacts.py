@@ -83,6 +83,7 @@ def test_all_contacts_are_believed_on_request(touches: Path) -> None:
     assert "left_out" not in read_facts(made.path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("copies", [pytest.param(1, marks=pytest.mark.slow), 4])
 def test_few_places_are_warned_of_by_grasps_too(tmp_path: Path, copies: int) -> None:
     axes = np.vstack([np.eye(3), -np.eye(3)] * copies)

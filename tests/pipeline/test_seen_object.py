@@ -119,6 +119,7 @@ def test_a_displaced_view_makes_no_touch_a_stray_and_is_dropped() -> None:
     assert not len(perception.find_strays(touches))
 
 
+@pytest.mark.slow
 def test_knowledge_of_a_view_depends_on_the_touches_alone(touched: Exploration) -> None:
     touches = touched.contacts
     first, second = (Scenario.from_config(TASK).agent.perception.prior for _ in range(2))

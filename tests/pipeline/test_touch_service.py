@@ -133,6 +133,7 @@ def test_a_wrong_request_changes_nothing(tmp_path: Path, request_: dict[str, Any
     assert service.answer({}) == touch
 
 
+@pytest.mark.by_default("points-place0", "free_points-place0", "points-place1")
 @pytest.mark.parametrize("place", [PLACE, ObjectPlace(region=(0.4, 0.4, 0.3))])
 @pytest.mark.parametrize("key", ["points", "free_points"])
 def test_points_in_millimetres_are_refused_before_the_log(

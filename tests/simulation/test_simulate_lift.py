@@ -147,6 +147,7 @@ def test_a_parallel_jaw_gripper_holds_rods_thinner_than_its_pads(wsg50: Hand, co
     assert outcome.slip < 0.005
 
 
+@pytest.mark.slow
 def test_a_grasp_beside_the_object_makes_no_contact_and_moves_in_its_frame(allegro: Hand) -> None:
     grasp = moved(box_grasp(allegro), np.array([0.0, 0.25, 0.0]))
     outcome = lift_box(allegro, grasp)
@@ -409,6 +410,7 @@ def test_lifts_do_not_depend_on_the_number_of_processes(wsg50: Hand) -> None:
         np.testing.assert_array_equal(first.X_WO, second.X_WO)
 
 
+@pytest.mark.slow
 def test_closed_fingers_measure_the_true_surface(allegro: Hand) -> None:
     checked: list[Contacts] = []
 

@@ -48,6 +48,7 @@ def weights_by_definition(surface: BlendedImplicitSurface, points: np.ndarray) -
     return np.array(weights)
 
 
+@pytest.mark.slow
 def test_a_torus_is_as_good_as_its_smooth_estimate() -> None:
     contacts = touched_shape("torus")
     points = shapes.build("torus", 0.2).mesh.vertices[::20]

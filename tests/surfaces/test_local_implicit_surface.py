@@ -51,6 +51,7 @@ def literal_values(surface: LocalImplicitSurface, beta: str, queries: np.ndarray
     return np.array([reference.local_implicit_surface(x, *arguments) for x in queries])
 
 
+@pytest.mark.by_default("corrected", "none")
 @pytest.mark.parametrize("beta", ["corrected", "as_published", "none"])
 def test_equals_the_equations_term_by_term(beta: str) -> None:
     surface = LocalImplicitSurface.from_contacts(scattered_contacts(40), beta=beta, sigma=0.02)
