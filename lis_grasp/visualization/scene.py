@@ -242,6 +242,8 @@ class Scene:
             colour=PLAIN_ESTIMATE_COLOUR if is_known else TRUTH_COLOUR,
         ).png()
 
+    _repr_png_ = png  # where no script runs, as on a page of a code host
+
     def _repr_html_(self) -> str:
         """Return the page in a frame, which a notebook displays without a running kernel."""
         return framed(self.html(), self.title)
