@@ -428,6 +428,7 @@ def test_poses_and_tangents_are_computed_in_one_file() -> None:
     root = PACKAGE.parent
     for folder in (PACKAGE, root / "lis_grasp_studies", root / "benchmarks"):
         for path in sorted(folder.rglob("*.py")):
-            if path != PACKAGE / "geometry.py":
-                written = _written_out(ast.parse(path.read_text(encoding="utf-8")))
+            text = path.read_text(encoding="utf-8")
+            if path != PACKAGE / "geometry.py" and re.search(r":3|linalg\.inv|argmin", text):
+                written = _written_out(ast.parse(text))
                 assert not written, f"{path}: use lis_grasp.geometry for {written}"

@@ -230,6 +230,7 @@ def own_policies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[No
     sys.modules.pop("mypol", None)
 
 
+@pytest.mark.by_default("Typo-mypol.py:12-TypeError")
 @pytest.mark.usefixtures("own_policies")
 @pytest.mark.parametrize(
     ("name", "place", "cause"),

@@ -16,13 +16,14 @@ from lis_grasp.drake.surface_estimator import Estimate
 from lis_grasp.exceptions import require_positive
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
-from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
+from lis_grasp.grasping.sampler import CANDIDATES
+from lis_grasp.grasping.samplers import sampler_of
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.hand_plant import HandInPlant, require_in_plant
 from lis_grasp.simulation.drake.plant_parts import pose_of, require_type, rigid
 from lis_grasp.stages.estimate import Perception
 from lis_grasp.typing import FloatArray
-from lis_grasp.world import ALONE, Surroundings
+from lis_grasp.world import ALONE, Body, Surroundings
 
 _BEST, _OTHER = (0.1, 0.6, 0.25, 1.0), (0.3, 0.5, 0.9, 0.25)  # colours
 
@@ -103,13 +104,14 @@ class GraspPlanner(LeafSystem):
         require_positive(count=count)
         self._hand, self._table, self._count, self._seed = hand.hand, table, count, seed
         self._X_WE, self._actuated = pose_of(X_WE, "X_WE"), hand.actuated
-        self._sampler = ForceClosureSampler(
+        if obstacles is not None:
+            surroundings = Surroundings((*surroundings, Body.of_mesh("obstacles", obstacles)))
+        self._sampler = sampler_of(
             hand.hand,
             prior,
             candidates=candidates,
             station=station,
             surroundings=surroundings.in_frame(self._X_WE.GetAsMatrix4()),
-            obstacles=obstacles,
         )
         self._drawing = None if meshcat is None else Drawing(meshcat, path, self._X_WE)
         empty = Estimate(Contacts.empty(), Perception())

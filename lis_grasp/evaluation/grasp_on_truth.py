@@ -7,6 +7,7 @@ import trimesh
 
 from lis_grasp.grasping.epsilon import epsilon_on
 from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.grasping.suction import cup_epsilon
 from lis_grasp.robots.hand import Hand
 
 
@@ -16,9 +17,13 @@ def epsilon_on_truth(grasp: Grasp, truth: trimesh.Trimesh, hand: Hand, *, fricti
     Each finger moves along the line of its planned contact normal until it meets the true surface
     (the crossing nearest to the planned contact); where the line misses the object, the contact is
     lost. Origin, length scale and contact model are as in `epsilon_on`, on the true object, which
-    is watertight and in O [m]. The result is 0 where fewer than two fingers meet it.
+    is watertight and in O [m]. The result is 0 where fewer than two fingers meet it, or a cup
+    does not seal.
     """
     points, normals = true_contacts(grasp, truth)
+    if hand.cup is not None and len(points):
+        axes = grasp.contact_normals
+        return float(cup_epsilon(truth, hand.cup, points, axes, friction=friction)[0])
     if len(points) < 2:
         return 0.0
     return epsilon_on(truth, hand, points, normals, friction=friction)

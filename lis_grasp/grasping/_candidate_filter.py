@@ -95,6 +95,7 @@ class CandidateFilter:
             )
         self._lifts = lifts
         self._is_fixed = np.isin(hand.fingers, hand.fixed_fingers)  # (F,)
+        self._seating = SEATING if hand.seated_fingers else 0.0
         self._opening = np.where(self._is_fixed, 0.0, 1.0 + self._is_fixed.any())[:, None]
         self._offsets = fingertip_offsets(hand)
         self.rejected: Counter[str] = Counter()
@@ -120,7 +121,20 @@ class CandidateFilter:
         kept = kept[self._off_bodies("grasp", batch.q[kept], batch.X_OH[kept, None])]
         batch = batch.subset(kept)
         away = replace(batch, points=batch.points + _OPENING * self._opening * batch.normals)
-        opened = solve_ik(self._hand, away, palm_fixed=True).q
+        return self._with_free_ways(kept, batch, solve_ik(self._hand, away, palm_fixed=True).q)
+
+    def filter_cups(self, batch: GraspBatch) -> tuple[IndexArray, GraspBatch]:
+        """Return the same of grasps by a suction cup: posed as they are, without an opening."""
+        paths = batch.X_OH[:, None]
+        kept = np.flatnonzero(self._free("grasp", batch.q, paths, pads_may_touch=True))
+        kept = kept[self._off_bodies("grasp", batch.q[kept], paths[kept])]
+        batch = batch.subset(kept)
+        return self._with_free_ways(kept, batch, batch.q)
+
+    def _with_free_ways(
+        self, kept: IndexArray, batch: GraspBatch, opened: FloatArray
+    ) -> tuple[IndexArray, GraspBatch]:
+        """Return the grasps, of indices `kept`, that can be approached, lifted and let go."""
         paths = self._approaches(batch.X_OH)
         free = np.flatnonzero(self._free("approach", opened, paths))
         free = free[self._off_bodies("approach", opened[free], paths[free])]
@@ -162,11 +176,10 @@ class CandidateFilter:
     def _approaches(self, X_OH: FloatArray) -> FloatArray:
         """Return palm poses along the approach to each pose (B, 4, 4), shape (B, W, 4, 4).
 
-        The end of the approach of a hand with a fixed jaw is left out: there that jaw may touch.
+        The end of the approach of a fixed jaw or a cup is left out: there it may touch.
         """
-        end = SEATING if self._is_fixed.any() else 0.0
-        back = np.linspace(end, STANDOFF, _APPROACH_STEPS)
-        if self._reach_check is not None and not end:
+        back = np.linspace(self._seating, STANDOFF, _APPROACH_STEPS)
+        if self._reach_check is not None and not self._seating:
             back = np.append(-_ARM_ERROR, back)
         return _paths(X_OH, -back[:, None] * rotate(X_OH, self._hand.approach_H)[:, None])
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import trimesh
 from scipy.special import ndtr
 
-from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError, require_at_least
+from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.geometry import rotate
 from lis_grasp.grasping._antipodal_sampling import AT_RIMS, NARROW, USUAL, sample_contact_sets
 from lis_grasp.grasping._candidate_filter import CandidateFilter, lowest_contact
@@ -24,8 +24,8 @@ from lis_grasp.grasping.grasp_quality import GraspScorer
 from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
 from lis_grasp.grasping.hand_capacity import least_pinched_height
 from lis_grasp.grasping.lift_path import STRAIGHT_LIFTS, LiftPath
+from lis_grasp.grasping.planned_meshes import require_closed
 from lis_grasp.robots.hand import Hand
-from lis_grasp.shapes.shape import require_mesh
 from lis_grasp.typing import FloatArray, IndexArray, Seed
 from lis_grasp.underflow import underflows
 from lis_grasp.world import ALONE, Body, Surroundings
@@ -99,6 +99,13 @@ class ForceClosureSampler:
         if not isinstance(prior, LoadPrior | None):
             message = "prior must be a LoadPrior: give friction= and mass= by their names"
             raise InvalidOptionError(message, option="prior", value=prior)
+        if hand.cup is not None:
+            raise InvalidOptionError(
+                f"ForceClosureSampler needs a hand with fingers; '{hand.name}' has a suction cup:"
+                " take SuctionSampler",
+                option="hand",
+                value=hand.name,
+            )
         if obstacles is not None:
             obstacle = Body.of_mesh("obstacles", obstacles)
             surroundings = Surroundings((*surroundings, obstacle))
@@ -136,11 +143,7 @@ class ForceClosureSampler:
         InvalidMeshError
             If it is no mesh, is not closed, or its size fits no object of a hand in metres.
         """
-        if not require_mesh("the mesh", mesh).is_watertight:
-            raise InvalidMeshError(
-                "grasps are planned on closed meshes; this one has open edges: repair it with"
-                " Shape.from_mesh or shapes.load, or mesh an estimate with extract_mesh"
-            )
+        require_closed(mesh)
         if support_height is not None:
             height = float(mesh.bounds[1, 2]) - support_height
             low = copy(self)

@@ -9,7 +9,8 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.geometry import apply_pose
-from lis_grasp.lifting.finger_control import SEARCH_SPEED, FingerControl
+from lis_grasp.lifting.finger_control import SEARCH_SPEED
+from lis_grasp.lifting.grip import grip_of
 from lis_grasp.lifting.object_in_hand import ObjectInHand
 from lis_grasp.lifting.outcome import Reason
 from lis_grasp.lifting.scene import CONTROL_RATE, FingerCommand, LiftingScene, Steps
@@ -47,12 +48,12 @@ class Closing:
     ) -> None:
         self._scene, self._setup, self._options = scene, setup, setup.options
         self._accept_grasp = accept_grasp
-        self.control = FingerControl(scene, setup)
+        self.control = grip_of(scene, setup)
         retreat = -self._options.standoff * np.asarray(setup.grasp.approach_O, dtype=np.float64)
         self.retreat = np.append(retreat, np.zeros(3))
         # Displacements of the palm: where the approach ends, and where the hand closes.
         self._arrival, self.here = np.zeros(6), np.zeros(6)
-        if setup.hand.fixed_fingers:
+        if setup.hand.seated_fingers:
             self._arrival = self.retreat * min(SEATING / self._options.standoff, 1.0)
         scene.place_hand(self.retreat, np.asarray(setup.grasp.pregrasp_positions))
         self.closed, self.measured = False, Contacts.empty()
@@ -106,7 +107,7 @@ class Closing:
     def close(self) -> Reason | None:
         """Close the hand and squeeze; return why the trial failed."""
         self._scene.carrier.expect_contact()
-        if self._setup.hand.fixed_fingers:
+        if self._setup.hand.seated_fingers:
             self._seat()
         interval, floor = 1.0 / CONTROL_RATE, self.here[2]
 
@@ -122,10 +123,9 @@ class Closing:
         if self._accept_grasp is not None and len(self.control.touching) >= 2:
             self.steps.advance(_PRESS_TIME, here, self._press)
         self.closed, self.measured = True, self._felt(self.control.measured_contacts())
-        if self._accept_grasp is not None and not self._accept_grasp(self.measured):
-            return "aborted"
-        if len(self.measured) < 2:
-            return "no_contact"
+        refusal = self.control.refusal(self.measured, self._accept_grasp)
+        if refusal is not None:
+            return refusal
         duration = self._options.squeeze_time
 
         def squeeze(time: float) -> bool:
@@ -134,15 +134,16 @@ class Closing:
 
         self.steps.advance(duration + SETTLE_TIME, here, squeeze)
         self.object.hold()
-        return "ejected" if self.object.touching_links() < 2 else None
+        return None if self.object.is_touched() else self.control.reason_of("ejected")
 
     def _seat(self) -> None:
-        """Move the wrist until the fixed jaw touches: to the grasp, then on against its normal."""
+        """Move the wrist until what it seats touches: to the grasp, then on against its normal."""
 
         def touches(_: float) -> bool:
-            return self.control.touches_fixed_jaw()
+            return self.control.is_seated()
 
-        beyond = self._options.search_distance * self.control.way_to_fixed_jaw()
+        way = self.control.way_to_seat()
+        beyond = self._options.search_distance * way
         for start, end in (
             (self._arrival, np.zeros(6)),
             (np.zeros(6), np.append(beyond, np.zeros(3))),
@@ -151,6 +152,11 @@ class Closing:
                 duration = float(np.linalg.norm(end - start)) / SEARCH_SPEED
                 self.steps.advance(duration, line(start, end, duration), touches)
         self.here = self.steps.displacement
+        press = self.control.press
+        if press and touches(0.0):
+            end, duration = self.here + np.append(press * way, np.zeros(3)), press / SEARCH_SPEED
+            self.steps.advance(duration, line(self.here, end, duration))
+            self.here = end
 
     def _press(self, time: float) -> bool:
         """Push gently: a flat pad that touched with an edge first comes to rest on its face."""

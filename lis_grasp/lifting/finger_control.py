@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,14 +14,15 @@ from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.hand_capacity import EFFORT_FRACTION, balanced_grip
 from lis_grasp.grasping.inverse_kinematics import solve_ik
+from lis_grasp.lifting.outcome import Reason
 from lis_grasp.lifting.scene import HandContact, LiftingScene, Touched
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.object_mass import GRAVITY
 from lis_grasp.typing import FloatArray
 
-# Force at which a finger stops closing: the weight of a few coins.
-_TOUCH_FORCE = 0.2  # [N]
+TOUCH_FORCE = 0.2
+"""Force at which a finger stops closing [N]: the weight of a few coins."""
 # Force on the table at which a finger stops searching the object [N].
 _TABLE_FORCE = 1.0
 _CLOSING_SPEED = 0.05  # [m/s] of the fastest pad
@@ -109,13 +111,18 @@ class FingerControl:
             fingers=fingers,
         )
 
-    def touches_fixed_jaw(self) -> bool:
+    @property
+    def press(self) -> float:
+        """Way of the wrist beyond the first contact of a fixed jaw [m]."""
+        return 0.0
+
+    def is_seated(self) -> bool:
         """Return whether every fixed finger of the grasp touches the object."""
         measured = self._contacts_by_finger()
         fixed = [finger for finger in self._planned_normals if not self._joints[finger]]
         return all(self._strongest(measured.get(finger, [])) is not None for finger in fixed)
 
-    def way_to_fixed_jaw(self) -> FloatArray:
+    def way_to_seat(self) -> FloatArray:
         """Return the direction (3,) in W in which a fixed jaw moves against its planned normal."""
         normals = [n for finger, n in self._planned_normals.items() if not self._joints[finger]]
         return -np.sum(normals, axis=0)
@@ -154,6 +161,18 @@ class FingerControl:
                 moving = True
         self._scene.command_fingers(self._posture, np.zeros(len(q)))
         return not moving
+
+    def refusal(
+        self, measured: Contacts, accept_grasp: Callable[[Contacts], bool] | None
+    ) -> Reason | None:
+        """Return why closed fingers do not squeeze: the tactile check, or too few contacts."""
+        if accept_grasp is not None and not accept_grasp(measured):
+            return "aborted"
+        return "no_contact" if len(measured) < 2 else None
+
+    def reason_of(self, loss: Reason) -> Reason:
+        """Return the reason of a loss, which fingers do not know better."""
+        return loss
 
     def squeeze(self, fraction: float) -> None:
         """Push with a fraction of the grip force; plan the forces from the measured contacts."""
@@ -210,7 +229,7 @@ class FingerControl:
         if not contacts:
             return None
         strengths = [contact.strength for contact in contacts]
-        if sum(strengths) < _TOUCH_FORCE:
+        if sum(strengths) < TOUCH_FORCE:
             return None
         contact = contacts[int(np.argmax(strengths))]
         p_L = apply_inverse(self._scene.X_WL(contact.link), contact.point)

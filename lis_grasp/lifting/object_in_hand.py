@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.geometry import apply_inverse, apply_pose, relative_rotation
-from lis_grasp.lifting.finger_control import FingerControl
+from lis_grasp.lifting.grip import Grip
 from lis_grasp.lifting.outcome import Reason
 from lis_grasp.lifting.scene import LiftingScene
 from lis_grasp.lifting.setup import LiftSetup
@@ -58,6 +58,10 @@ class ObjectInHand:
         """Return how many links of the hand touch the object."""
         return len({c.link for c in self._scene.contacts() if c.strength >= _LEAST_FORCE})
 
+    def is_touched(self) -> bool:
+        """Return whether as many links touch the object as hold it."""
+        return self.touching_links() >= self._setup.needed_links
+
     def clearance(self) -> float:
         """Return the distance of the object's lowest point from the table [m]."""
         X_WO = self._scene.X_WO
@@ -83,7 +87,7 @@ class ObjectInHand:
     def _carried(self, rise: float) -> bool:
         """Return whether the object has risen by half as much as the hand, which touches it."""
         rise = min(rise, self._options.lift_height)
-        return self.clearance() >= 0.5 * rise and self.touching_links() >= 2
+        return self.clearance() >= 0.5 * rise and self.is_touched()
 
     def _center(self) -> FloatArray:
         """Return the object's centre of mass, shape (3,) [m]."""
@@ -100,7 +104,7 @@ class SlipWatch:
     It is how far the object's surface has moved over the touching pads since the start.
     """
 
-    def __init__(self, scene: LiftingScene, control: FingerControl) -> None:
+    def __init__(self, scene: LiftingScene, control: Grip) -> None:
         self._scene, self._control = scene, control
         self._start = self._points_in_object()
         self._reported = 0.0

@@ -21,11 +21,13 @@ Reason = Literal[
     "held",  # The object was lifted and shaken and is still in the hand.
     "unstable",  # The object does not rest on the table by itself.
     "collision_on_approach",  # The open hand pushed the object, or did not arrive at its goal.
-    "no_contact",  # Fewer than two fingers touched the object.
+    "no_contact",  # Fewer than two fingers, or no cup, touched the object.
+    "no_seal",  # The lip of the suction cup does not lie on the object all around.
     "aborted",  # The tactile check rejected the grasp, and the hand opened and retreated.
     "set_down",  # The object slipped at the start of the lift: the hand set it down and retreated.
     "ejected",  # Closing or squeezing pushed the object out of the hand.
     "not_lifted",  # The hand rose without the object.
+    "pulled_off",  # The lip of the suction cup came off, and the vacuum was lost.
     "dropped",  # The object was lost after it had been lifted.
     "slipped",  # The object is still in the hand but moved too far in it.
     "turned",  # The object is still in the hand and has not slipped, but turned too far in it.
@@ -36,7 +38,7 @@ Reason = Literal[
 
 LOST_GRASPS = frozenset(
     {"aborted", "collision_on_approach", "no_contact", "set_down", "ejected", "not_lifted"}
-    | {"dropped", "slipped", "turned", "hit_body"}
+    | {"no_seal", "pulled_off", "dropped", "slipped", "turned", "hit_body"}
 )
 """Reasons after which a hand with a tactile check lets go and retreats, to try again."""
 
@@ -109,7 +111,7 @@ class LiftOptions:
 class LiftOutcome(Record):
     """Outcome of a simulated lift.
 
-    In the hand is an object that at least two links of the hand touch, and that has moved and
+    In the hand is an object that at least two fingers or a cup touch, and that has moved and
     turned in the palm frame less than `LiftOptions.largest_slip` and `largest_turn`.
     """
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.lifting.closing import SETTLE_TIME
-from lis_grasp.lifting.finger_control import FingerControl
+from lis_grasp.lifting.grip import Grip
 from lis_grasp.lifting.object_in_hand import ObjectInHand
 from lis_grasp.lifting.place_plan import (
     PlaceOutcome,
@@ -52,7 +52,7 @@ class Placing:
         plan: PlacePlan,
         *,
         steps: Steps,
-        control: FingerControl,
+        control: Grip,
         held: ObjectInHand,
     ) -> None:
         self._scene, self._setup, self._plan = scene, setup, plan
@@ -75,7 +75,7 @@ class Placing:
         way = [here + rise, here + carry, goal + carry, self._above(goal)]
         for start, end in pairwise(way):
             self._move(start, end)
-        if self._object.touching_links() < 2:
+        if not self._object.is_touched():
             return "lost"
         arrived = displaced(self._setup.X_WB, way[-1])[:3, 3]
         X_WB = self._scene.X_WL(self._setup.hand.base_link)

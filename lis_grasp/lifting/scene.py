@@ -139,6 +139,13 @@ class LiftingScene(Protocol):
     def command_fingers(self, q: FloatArray, efforts: FloatArray) -> None:
         """Command joint positions q, shape (J,), and efforts (J,) on top of the springs'."""
 
+    def pull(self, contact: HandContact | None) -> None:
+        """Apply a force of a link on the object, and its reaction, until the next call; or none.
+
+        It is the vacuum's, at a point that stays where it is on the object and on the link, and one
+        of the `contacts` of the object.
+        """
+
     def rest_object(self) -> None:
         """Keep the object where it is until the hand touches it."""
 

@@ -95,6 +95,11 @@ class LiftSetup:
         X_OH = np.asarray(self.grasp.X_OH, dtype=np.float64)
         return np.asarray(X_OH @ inverse_pose(self.hand.X_LH))
 
+    @property
+    def needed_links(self) -> int:
+        """Number of links that touch a held object: two fingers, or the lip of a cup."""
+        return 2 if self.hand.cup is None else 1
+
     @cached_property
     def slides_on_table(self) -> bool:
         """Whether fingertips are planned so near to the table that they may slide on it."""

@@ -212,11 +212,15 @@ class LiftTrial:
         )
         try:
             self._place = placing.run(self._closing.here, self._rise, self._retreat)
+        except ArmStoppedError as stopped:
+            hit = stopped.reason == "arm_collision"
+            self._place = PlaceOutcome("collided" if hit else "not_reached", self._setup.place)
         except SimulationError:
             self._place = PlaceOutcome("diverged", self._setup.place)
 
     def _loss(self, lost: Reason) -> Reason | None:
-        return self._object.loss(self._risen(), lost)
+        loss = self._object.loss(self._risen(), lost)
+        return None if loss is None else self._control.reason_of(loss)
 
     def _risen(self) -> float:
         """Return how far the hand has risen since it closed [m]."""
@@ -231,7 +235,7 @@ class LiftTrial:
             self._control.hold()
             return self._object.clearance() < SETTLED  # the wrist feels the table
 
-        if self._object.held is not None and self._object.touching_links() >= 2:
+        if self._object.held is not None and self._object.is_touched():
             self._steps.advance(_RETREAT_TIME, line(here, self._closing.here, _RETREAT_TIME), lower)
             here = self._steps.displacement
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from lis_grasp.geometry import apply_pose
 from lis_grasp.robots.kinematics import Kinematics
 from lis_grasp.robots.robot_model import (
+    Cup,
     GraspFamily,
     HandKind,
     Pad,
@@ -26,7 +27,7 @@ from lis_grasp.robots.yaml_files import read_hand_file
 from lis_grasp.typing import FloatArray
 
 SEATING = 0.012
-"""Last part of the approach of a hand with a fixed jaw [m], at whose end that jaw touches."""
+"""Last part of the approach of a fixed jaw or a suction cup [m], at whose end it touches."""
 # Fingertips that are planned this near to the table [m] may slide on it.
 _NEAR_TABLE = 0.002
 
@@ -41,7 +42,8 @@ class Hand(RobotModel):
     Parameters
     ----------
     name, kind
-        Its name; ``"parallel_jaw"`` for parallel flat pads, else ``"multi_finger"``.
+        Its name; ``"parallel_jaw"`` for parallel flat pads, ``"suction_cup"`` for
+        one cup, else ``"multi_finger"``.
     joint_names, lower, upper, effort_limits
         The J actuated joints: names, limits (J,) [rad or m] and largest effort (J,) [N m or N].
     links
@@ -125,6 +127,16 @@ class Hand(RobotModel):
     def fixed_fingers(self) -> tuple[str, ...]:
         """Names of the fingers that no joint moves: jaws that another one closes on."""
         return tuple(finger for finger in self.fingers if not self.finger_joints(finger))
+
+    @property
+    def cup(self) -> Cup | None:
+        """The suction cup that it holds with; None for a hand with fingers."""
+        return self.pads[0].cup
+
+    @property
+    def seated_fingers(self) -> tuple[str, ...]:
+        """Names of the fingers that the hand's own motion seats: fixed jaws and suction cups."""
+        return self.fixed_fingers if self.cup is None else self.fingers
 
     @property
     def slides_on_table(self) -> bool:

@@ -132,6 +132,10 @@ def _pads(hand: Hand) -> Iterator[Finding]:
 
 
 def _opposition(hand: Hand) -> Iterator[Finding]:
+    if hand.cup is not None:
+        text = f"the cup holds {hand.cup.pull:.0f} N where it seals, less beside its middle"
+        yield Finding(True, text)
+        return
     if not len(_facing_gaps(hand, np.array(list(hand.pregrasps.values())))):
         yield Finding(
             False,

@@ -16,10 +16,11 @@ from lis_grasp.typing import FloatArray
 
 JointKind = Literal["revolute", "prismatic", "fixed"]
 GeometryKind = Literal["box", "sphere", "cylinder", "capsule", "mesh"]
-HandKind = Literal["multi_finger", "parallel_jaw"]
-GraspFamily = Literal["pinch", "table", "rim", "flat_faces"]
+HandKind = Literal["multi_finger", "parallel_jaw", "suction_cup"]
+GraspFamily = Literal["pinch", "table", "rim", "flat_faces", "suction"]
 """Kinds of grasps: fingertips on opposite sides; the same with fingertips that slide on the table;
-a wall or plate from above and below; with the flat faces that the hand has for low objects."""
+a wall or plate from above and below; with the flat faces that the hand has for low objects; a place
+where a suction cup seals."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,6 +89,21 @@ class LinkVisual:
     scale: FloatArray | None = None  # (1,) or (3,): of the file
 
 
+@dataclass(frozen=True, slots=True)
+class Cup:
+    """A suction cup: its lip is a circle in the plane of the pad, about the pad's centre."""
+
+    radius: float  #: of the lip [m]
+    travel: float  #: of the lip along its axis, until it lies on a surface [m]
+    tilt: float  #: largest, of the lip, until it lies on a surface [rad]
+    vacuum: float  #: largest pressure below that of the air [Pa]
+
+    @property
+    def pull(self) -> float:
+        """Force of the air that presses a sealed object against the lip [N]."""
+        return float(np.pi * self.radius**2 * self.vacuum)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Pad(FrozenArrays):
     """The part of a finger that is meant to touch.
@@ -101,6 +117,7 @@ class Pad(FrozenArrays):
     radius: float  # of the sphere [m]; 0 for a flat pad
     axis_L: FloatArray  # (3,), unit, in the link frame: outward at the middle of the pad
     half_angle: float  # [rad]: the pad covers the directions within this angle of its axis
+    cup: Cup | None = None  # the suction cup, whose lip the pad is; None for a finger
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,6 +15,9 @@ FEW_DIGITS = 1e-4
 UNLIMITED = 1e6
 """No length, angle, force or mass of a robot is larger [m, rad, N, kg]; a limit of it is none."""
 
+ATMOSPHERE = 101_325.0
+"""Pressure of the air at sea level, the largest difference that a vacuum makes [Pa]."""
+
 
 def _not_zero(vector: list[float]) -> list[float]:
     if np.linalg.norm(vector) < np.finfo(np.float64).eps:  # squares below 1e-308 are zero
@@ -56,6 +59,24 @@ class PadEntry(_Record):
     axis: Direction = Field(description="Outward direction at the middle of the pad, in the link.")
     half_angle: float = Field(
         gt=0.0, le=np.pi, description="The pad covers directions within this angle of axis [rad]."
+    )
+
+
+class CupEntry(_Record):
+    """A suction cup."""
+
+    link: Name = Field(description="The link that carries the lip.")
+    center: Vector = Field(description="Centre of the lip's circle, in the link [m].")
+    axis: Direction = Field(description="Outward direction of the cup, in the link.")
+    radius: Positive = Field(description="Of the lip [m].")
+    travel: Positive = Field(
+        description="Of the lip along the axis, until it lies on a surface [m]."
+    )
+    tilt: float = Field(
+        gt=0.0, le=0.5 * np.pi, description="Largest, of the lip, until it lies on a surface [rad]."
+    )
+    vacuum: float = Field(
+        gt=0.0, le=ATMOSPHERE, description="Largest pressure below that of the air [Pa]."
     )
 
 
@@ -113,7 +134,8 @@ class HandEntry(_RobotEntry):
     """A hand's YAML file."""
 
     kind: HandKind = Field(
-        description="parallel_jaw: flat parallel pads; multi_finger: rounded pads."
+        description="parallel_jaw: flat parallel pads; multi_finger: rounded pads;"
+        " suction_cup: one cup instead of pads."
     )
     convex_parts: list[Name] = Field(
         default_factory=list,
@@ -125,7 +147,15 @@ class HandEntry(_RobotEntry):
     palm_frame: PalmFrame
     approach: Direction = Field(description="In H: the motion of the hand towards an object.")
     max_contact_force: Positive = Field(description="Of one finger [N].")
-    pads: dict[Name, PadEntry] = Field(min_length=2, description="By the finger's name.")
+    pads: dict[Name, PadEntry] = Field(
+        default_factory=dict, min_length=2, description="By the finger's name."
+    )
+    cups: dict[Name, CupEntry] = Field(
+        default_factory=dict,
+        min_length=1,
+        max_length=1,
+        description="The suction cup, by its name.",
+    )
     pregrasps: dict[Name, list[Number]] = Field(
         min_length=1, description="Opened postures by name: one number for each joint [rad or m]."
     )

@@ -9,7 +9,7 @@ from lis_grasp.exceptions import InvalidArmError, InvalidFileError, InvalidHandE
 from lis_grasp.io.yaml_files import find_yaml_file
 from lis_grasp.plugins import Registry, errors_of
 
-HAND_NAMES = ("allegro", "wsg50", "barrett")
+HAND_NAMES = ("allegro", "wsg50", "barrett", "cup")
 """The hands that the package ships, by the name that `Hand.load` takes."""
 
 VENDOR_HANDS = (

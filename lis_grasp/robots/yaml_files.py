@@ -35,6 +35,7 @@ from lis_grasp.robots.arm_defaults import find_arm_exclusions, find_home, flange
 from lis_grasp.robots.kinematics import ArmKinematics
 from lis_grasp.robots.model_uri import resolve_model
 from lis_grasp.robots.robot_model import (
+    Cup,
     GraspFamily,
     Pad,
     ProbePosture,
@@ -171,17 +172,6 @@ class _Checks:
 def _hand_fields(checks: _Checks) -> dict[str, Any]:
     entry, model = checks.entry, checks.model
     checks.joints("the URDF's movable joints in the URDF's order, which is")
-    pads = tuple(
-        Pad(
-            finger=finger,
-            link=checks.link(f"pads.{finger}.link", pad.link),
-            center_L=np.array(pad.center),
-            radius=pad.radius,
-            axis_L=_unit(pad.axis),
-            half_angle=pad.half_angle,
-        )
-        for finger, pad in entry.pads.items()
-    )
     pregrasps = {
         name: checks.posture(f"pregrasps.{name}", q) for name, q in entry.pregrasps.items()
     }
@@ -189,7 +179,7 @@ def _hand_fields(checks: _Checks) -> dict[str, Any]:
         **fields_of(model),
         "name": entry.name,
         "kind": entry.kind,
-        "pads": pads,
+        "pads": _cups(checks) if entry.kind == "suction_cup" else _pads(checks),
         "X_LH": _pose(entry.palm_frame),
         "approach_H": _unit(entry.approach),
         "pregrasps": MappingProxyType(pregrasps),
@@ -201,8 +191,45 @@ def _hand_fields(checks: _Checks) -> dict[str, Any]:
     }
 
 
+def _pads(checks: _Checks) -> tuple[Pad, ...]:
+    if not checks.entry.pads or checks.entry.cups:
+        checks.fail("pads", f"must be all that a hand of kind {checks.entry.kind} touches with")
+    return tuple(
+        Pad(
+            finger=finger,
+            link=checks.link(f"pads.{finger}.link", pad.link),
+            center_L=np.array(pad.center),
+            radius=pad.radius,
+            axis_L=_unit(pad.axis),
+            half_angle=pad.half_angle,
+        )
+        for finger, pad in checks.entry.pads.items()
+    )
+
+
+def _cups(checks: _Checks) -> tuple[Pad, ...]:
+    if not checks.entry.cups or checks.entry.pads:
+        checks.fail("cups", "must be all that a hand of kind suction_cup holds with, without pads")
+    return tuple(
+        Pad(
+            finger=name,
+            link=checks.link(f"cups.{name}.link", cup.link),
+            center_L=np.array(cup.center),
+            radius=0.0,
+            axis_L=_unit(cup.axis),
+            half_angle=cup.tilt,
+            cup=Cup(cup.radius, cup.travel, cup.tilt, cup.vacuum),
+        )
+        for name, cup in checks.entry.cups.items()
+    )
+
+
 def _families(checks: _Checks) -> tuple[GraspFamily, ...]:
     entry = checks.entry
+    if entry.kind == "suction_cup":
+        if entry.families not in (None, ["suction"]):
+            checks.fail("families", "must be [suction] of a hand of kind suction_cup")
+        return ("suction",)
     if entry.families is None:
         table = ("table",) if entry.kind == "multi_finger" else ()
         return ("pinch", "rim", *table, *(("flat_faces",) if entry.low_objects else ()))
@@ -217,7 +244,7 @@ def _probe_postures(checks: _Checks) -> dict[str, ProbePosture]:
     postures = {}
     for finger, probe in checks.entry.probe_postures.items():
         key = f"probe_postures.{finger}"
-        if finger not in checks.entry.pads:
+        if finger not in {**checks.entry.pads, **checks.entry.cups}:
             checks.fail(key, "names a finger that has no pad")
         postures[finger] = ProbePosture(
             finger=finger,

@@ -10,7 +10,8 @@ import trimesh
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.grasping.grasps import LIFT, GraspSearch
-from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
+from lis_grasp.grasping.sampler import CANDIDATES
+from lis_grasp.grasping.samplers import sampler_of
 from lis_grasp.lifting.outcome import LiftOptions
 from lis_grasp.lifting.planned_lifts import permitted_lifts
 from lis_grasp.stages.agent import Agent
@@ -35,7 +36,7 @@ def plan_grasps(
     1
     """
     load = agent.load.of_mesh(mesh)
-    sampler = ForceClosureSampler(
+    sampler = sampler_of(
         agent.hand,
         load,
         candidates=candidates,
@@ -55,7 +56,7 @@ def highest_lift(agent: Agent) -> float:
 
 
 def closure_probability(agent: Agent, contacts: Contacts) -> float:
-    """Return the probability that the best of a few grasps has force closure.
+    """Return the probability that the best of a few grasps has force closure, or that a cup seals.
 
     It depends on the surface alone: touching does not show the weight to carry.
     """

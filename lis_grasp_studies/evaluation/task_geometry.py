@@ -13,7 +13,9 @@ import manifold3d
 import numpy as np
 import trimesh
 
-from lis_grasp.geometry import cross, tangent_frame, unit
+from lis_grasp.geometry import cross
+from lis_grasp.grasping.seals import press_cups
+from lis_grasp.robots.robot_model import Cup
 from lis_grasp.shapes import resting_poses
 from lis_grasp.shapes.mesh_distance import MeshTree, winding_numbers
 from lis_grasp.shapes.resting import rest_from
@@ -27,8 +29,6 @@ FAILED = 0.099
 # how far it may let the object move, in clearances, in how many directions.
 _STEP, _ROUND, _NO_AREA = 2e-5, 64, 1e-9
 _PLAY, _DIRECTIONS = 2.0, 8
-# A cup: points of its lip, gap that still seals [m], travel [m], tilt [rad], rounds of the fit.
-_LIP, _SEALS, _TRAVEL, _TILT, _FITS = 32, 5e-4, 5e-3, float(np.radians(15.0)), 4
 # Poses this near are one [rad], this likely count, and this near are the same [rad].
 _MERGED, _LIKELY, _NEAR = float(np.radians(10.0)), 0.05, float(np.radians(5.0))
 
@@ -90,11 +90,11 @@ def wall_errors(estimate: trimesh.Trimesh, truth: trimesh.Trimesh, yaws: FloatAr
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class Surface:
-    """A closed mesh, points spread over it by area, and where cups of a radius seal on them."""
+    """A closed mesh, points spread over it by area, and where cups of a kind seal on them."""
 
     mesh: trimesh.Trimesh
     places: int
-    radius: float  #: of the cup [m]
+    cup: Cup
     seed: int
 
     @cached_property
@@ -121,35 +121,9 @@ class Surface:
     def seals(self, points: FloatArray, normals: FloatArray) -> BoolArray:
         """Return at which points (P, 3) [m] a cup, pressed against normals (P, 3), seals.
 
-        It seals if 32 points of its lip are within 0.5 mm of the surface, after the lip has moved
-        along its axis by at most 5 mm, and tilted by at most 15 degrees.
+        See `press_cups`.
         """
-        angles = 2.0 * np.pi * np.arange(_LIP) / _LIP
-        centers, axes = points.copy(), normals.copy()
-        sealed = np.zeros(len(points), dtype=np.bool_)
-        for _ in range(_FITS):
-            one, two = np.moveaxis(tangent_frame(axes), -2, 0)
-            ways = np.cos(angles)[:, None] * one[:, None] + np.sin(angles)[:, None] * two[:, None]
-            lip = centers[:, None] + self.radius * ways  # (P, L, 3)
-            squares, _, nearest = self.tree.nearest(lip.reshape(-1, 3))
-            gaps = np.sqrt(squares).reshape(len(points), _LIP)
-            sealed |= (gaps <= _SEALS).all(axis=1)
-            heights = np.einsum("pli,pi->pl", nearest.reshape(lip.shape) - lip, axes)
-            rise = np.median(heights, axis=1)
-            slopes = (
-                2.0
-                / self.radius
-                * np.stack(
-                    [(heights * wave).mean(axis=1) for wave in (np.cos(angles), np.sin(angles))]
-                )
-            )
-            turned = unit(axes - slopes[0, :, None] * one - slopes[1, :, None] * two)
-            moved = centers + rise[:, None] * axes
-            travel = np.abs(np.einsum("pi,pi->p", moved - points, normals))
-            may = (np.einsum("pi,pi->p", turned, normals) > np.cos(_TILT)) & (travel <= _TRAVEL)
-            may &= ~sealed
-            centers[may], axes[may] = moved[may], turned[may]
-        return sealed
+        return press_cups(self.tree, points, normals, self.cup).sealed
 
 
 def suction(estimate: Surface, truth: Surface, edges: FloatArray) -> dict[str, int]:
@@ -170,7 +144,7 @@ def suction(estimate: Surface, truth: Surface, edges: FloatArray) -> dict[str, i
         both = by.seals(*by.nearest(points)) if len(points) else np.zeros(0, dtype=np.bool_)
         gap = np.full(len(points), np.inf)
         if len(points) and len(edges):
-            gap = np.linalg.norm(points[:, None] - edges, axis=2).min(axis=1) - of.radius
+            gap = np.linalg.norm(points[:, None] - edges, axis=2).min(axis=1) - of.cup.radius
         near = gap < 0.01
         counts |= {name: len(points), other: int(both.sum())}
         counts |= {f"{name}_near": int(near.sum()), f"{other}_near": int((both & near).sum())}

@@ -25,7 +25,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from lis_grasp import Contacts
+from lis_grasp import Contacts, Hand
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.io.json_lines import Row
 from lis_grasp.shapes import Shape
@@ -66,7 +66,7 @@ from lis_grasp_studies.harness.tables import (
 )
 from lis_grasp_studies.test_objects.salted import salted_shape
 
-_CUP = 0.01  # radius of a suction cup [m]
+_GRIPPER = "cup"  # whose suction cup is pressed on
 _PLACES = 400  # of cups, on each surface
 _YAWS = 8
 _FLOOR = 2e-4  # clearances below this are equal [m]
@@ -95,7 +95,9 @@ def task_rows(
 
     The seed and the number of the shape decide on places of cups and yaws of walls.
     """
-    truth, edges = Surface(shape.mesh, _PLACES, _CUP, seed), _along(shape.edges)
+    cup, edges = Hand.load(_GRIPPER).pads[0].cup, _along(shape.edges)
+    assert cup is not None
+    truth = Surface(shape.mesh, _PLACES, cup, seed)
     rows = []
     for count in COUNTS:
         row: Row = {"object": shape.name, "count": count, "family": shape.name.split("-")[0]}
@@ -104,7 +106,7 @@ def task_rows(
         except LisGraspError as error:
             rows.append(row | {"failure": str(error), "slot": FAILED, "wall": FAILED})
             continue
-        said = Surface(mesh, _PLACES, _CUP, seed)
+        said = Surface(mesh, _PLACES, cup, seed)
         slots = [slot_clearance(mesh, shape.mesh, axis) for axis in (2, 0, 1)]
         yaws = np.random.default_rng([seed, number]).uniform(0.0, 2.0 * np.pi, _YAWS)
         walls = np.abs(wall_errors(mesh, shape.mesh, np.array([0.0, *yaws]))).max(axis=1)

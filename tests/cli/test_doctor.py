@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from lis_grasp.cli import doctor
 from lis_grasp.cli.main import main
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.robots.hand import Hand
@@ -202,3 +203,19 @@ def test_the_hand_of_the_guide_touches_and_grasps(guide_hand: str, tmp_path: Pat
     assert main(["estimate", f"{out}/contacts.ply"]) == 0
     assert main(["grasp", f"{out}/surface.ply", "--hand", guide_hand, "--grasps", "2"]) == 0
     assert GraspSearch.load(Path(out) / "grasps.json").grasps
+
+
+@pytest.mark.parametrize(
+    ("program", "said"),
+    [
+        ("import os; os.kill(os.getpid(), 11)", "signal 11"),
+        ("raise RuntimeError('no EGL here')", "no EGL here"),
+    ],
+)
+def test_a_machine_without_a_renderer_is_fit(
+    program: str, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "_RENDERING", program)
+    finding = doctor._rendering()
+    assert finding.fine
+    assert said in finding.text

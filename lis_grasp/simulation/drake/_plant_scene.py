@@ -13,12 +13,15 @@ from pydrake.geometry import (
     GeometrySet,
     Role,
 )
+from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
     ContactResults,
+    ExternallyAppliedSpatialForce,
     MultibodyPlant,
     MultibodyPlantConfig,
 )
+from pydrake.multibody.tree import RigidBody
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 
@@ -135,6 +138,20 @@ class PlantScene:
         self._is_object_locked = False
         self._separate_locked()
         self.object_joint.Unlock(self.context)
+
+    def pull(self, link: RigidBody, point: FloatArray, force: FloatArray) -> None:
+        """Apply a force (3,) [N] at a point (3,) on the object, and its reaction on a link, in W.
+
+        It lasts until the next call, and its points move with the bodies.
+        """
+        applied = []
+        for body, sign in ((self.object.body, 1.0), (link, -1.0)):
+            on_body = ExternallyAppliedSpatialForce()
+            on_body.body_index = body.index()
+            on_body.p_BoBq_B = body.EvalPoseInWorld(self.context).inverse() @ point
+            on_body.F_Bq_W = SpatialForce(np.zeros(3), sign * force)
+            applied.append(on_body)
+        self.plant.get_applied_spatial_force_input_port().FixValue(self.context, applied)
 
     def place_surroundings(self, poses: Mapping[str, FloatArray]) -> None:
         """Place free bodies beside the object, at rest at poses X_WB (4, 4) by name.

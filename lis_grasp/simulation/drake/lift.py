@@ -20,7 +20,7 @@ from lis_grasp.exceptions import SimulationError
 from lis_grasp.geometry import make_pose, rotate
 from lis_grasp.lifting.closing import AcceptGrasp
 from lis_grasp.lifting.outcome import LiftOutcome
-from lis_grasp.lifting.scene import FreeWrist, Touched
+from lis_grasp.lifting.scene import FreeWrist, HandContact, Touched
 from lis_grasp.lifting.setup import (
     WRIST_DAMPING,
     WRIST_LIMITS,
@@ -34,7 +34,6 @@ from lis_grasp.motion import OBJECT
 from lis_grasp.shapes.solids import merge_flat_faces, split_large_faces
 from lis_grasp.simulation.drake._arm_carrier import ArmCarrier
 from lis_grasp.simulation.drake._plant_scene import PlantScene
-from lis_grasp.simulation.drake.contact_patches import LinkContact
 from lis_grasp.simulation.drake.hand_plant import LIFTING_SKIN, HandInPlant, add_hand_model
 from lis_grasp.simulation.drake.object_plant import add_object_body, add_support, add_table
 from lis_grasp.typing import FloatArray
@@ -114,6 +113,7 @@ class LiftScene:
         scene.place_surroundings({body.name: body.X_EB for body in setup.surroundings})
         self.carrier.connect(scene)
         self._is_resting = False
+        self._pull: HandContact | None = None
         self._carries_weight = setup.arm is not None
         self._fingers_port = plant.get_desired_state_input_port(self._hand.instance)
         self._efforts_port = plant.get_actuation_input_port(self._hand.instance)
@@ -140,6 +140,13 @@ class LiftScene:
         if self._carries_weight:
             efforts = efforts + self._hand.weight_efforts(self._scene.plant, self._scene.context)
         self._efforts_port.FixValue(self._scene.context, efforts)
+
+    def pull(self, contact: HandContact | None) -> None:
+        """Apply the force of a link on the object, and its reaction; see `LiftingScene`."""
+        self._pull = contact
+        link = self._hand.base if contact is None else self._hand.links.bodies[contact.link]
+        point, force = np.zeros((2, 3)) if contact is None else (contact.point, contact.force)
+        self._scene.pull(link, point, force)
 
     def rest_object(self) -> None:
         """Lock the object until the hand touches it.
@@ -186,9 +193,10 @@ class LiftScene:
         links = {name: self.X_WL(name) for name in self._hand.links.bodies}
         return {**links, OBJECT: self.X_WO, **self.carrier.poses()}
 
-    def contacts(self, on: Touched = "object") -> list[LinkContact]:
+    def contacts(self, on: Touched = "object") -> list[HandContact]:
         """Return the contacts of the hand with the object or the table, in a fixed order."""
-        return self._scene.contacts(on)
+        pulls = [self._pull] if self._pull is not None and on == "object" else []
+        return [*self._scene.contacts(on), *pulls]
 
     def _is_touched(self) -> bool:
         """Return whether the hand, or a body beside the object, touches it."""

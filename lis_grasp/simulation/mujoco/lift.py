@@ -56,6 +56,7 @@ class MujocoScene:
         self._substeps = max(1, round(np.ceil(self._time_step / TIME_STEP - 1e-9)))
         model.opt.timestep = self._time_step / self._substeps
         self._steps = 0
+        self._pull: HandContact | None = None
         self._bodies = {link: model.body(HAND + link).id for link in hand.links}
         links = {number: link for link, number in self._bodies.items()}
         bodies = enumerate(model.geom_bodyid)
@@ -111,6 +112,17 @@ class MujocoScene:
     def command_fingers(self, q: FloatArray, efforts: FloatArray) -> None:
         """Command joint positions q, shape (J,), and efforts (J,) on top of the springs'."""
         self._data.ctrl[6:] = q + efforts / self._stiffness
+
+    def pull(self, contact: HandContact | None) -> None:
+        """Apply the force of a link on the object, and its reaction; see `LiftingScene`."""
+        self._pull = contact
+        self._data.xfrc_applied[:] = 0.0
+        if contact is None:
+            return
+        for body, sign in ((self._object, 1.0), (self._bodies[contact.link], -1.0)):
+            arm = contact.point - self._data.xipos[body]  # MuJoCo applies it at the centre of mass
+            force = sign * contact.force
+            self._data.xfrc_applied[body] = np.concatenate([force, np.cross(arm, force)])
 
     def rest_object(self) -> None:
         """Keep the object where it is until the hand touches it."""
@@ -178,7 +190,9 @@ class MujocoScene:
     def contacts(self, on: Touched = "object") -> list[HandContact]:
         """Return the contacts of the hand with the object or the table, in a fixed order."""
         body = self._object if on == "object" else 0  # the world's
-        return _merged_contacts(self._model, self._data, body, self._link_of_geom)
+        pulls = [self._pull] if self._pull is not None and on == "object" else []
+        merged = _merged_contacts(self._model, self._data, body, self._link_of_geom)
+        return [*merged, *pulls]
 
     def forces_beside(self) -> dict[str, float]:
         """Return the largest forces [N] of hand and object on bodies beside it in the last step."""

@@ -1,0 +1,60 @@
+"""The grasp sampler of a hand: of suction for a cup, of force closure for fingers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import trimesh
+
+from lis_grasp.grasping.grasps import GraspSearch, LoadPrior, Reach
+from lis_grasp.grasping.lift_path import STRAIGHT_LIFTS, LiftPath
+from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
+from lis_grasp.grasping.suction import SuctionSampler
+from lis_grasp.robots.hand import Hand
+from lis_grasp.typing import Seed
+from lis_grasp.world import ALONE, Surroundings
+
+
+class GraspSampler(Protocol):
+    """A planner of grasps of one hand on a mesh; for arguments see `ForceClosureSampler`."""
+
+    def sample(
+        self,
+        mesh: trimesh.Trimesh,
+        *,
+        rng: Seed = 0,
+        support_height: float | None = None,
+        count: int = 10,
+    ) -> GraspSearch:
+        """Return up to `count` ranked grasps."""
+        ...
+
+
+def sampler_of(
+    hand: Hand,
+    prior: LoadPrior | None = None,
+    *,
+    candidates: int = CANDIDATES,
+    station: Reach | None = None,
+    surroundings: Surroundings = ALONE,
+    lifts: Sequence[LiftPath] = STRAIGHT_LIFTS,
+    margin: float = 0.0,
+) -> GraspSampler:
+    """Return the sampler for what a hand holds with; for arguments see `ForceClosureSampler`.
+
+    Examples
+    --------
+    >>> sampler_of(Hand.load("cup")).sample(shapes.find("box").mesh, count=1).best.family
+    'suction'
+    """
+    sampler = ForceClosureSampler if hand.cup is None else SuctionSampler
+    return sampler(
+        hand,
+        prior,
+        candidates=candidates,
+        station=station,
+        surroundings=surroundings,
+        lifts=lifts,
+        margin=margin,
+    )
