@@ -1,9 +1,9 @@
-"""Environment: touch an unseen object with a ball, then say where it is solid or how to grasp it."""
+"""Environment: touch an unseen object with a ball, say where it is solid or how to grasp it."""
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import gymnasium
 import numpy as np
@@ -13,7 +13,6 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import STEP_FRACTION, Workspace
-from lis_grasp.geometry import unit
 from lis_grasp.grasping.force_closure import is_force_closure
 from lis_grasp.probing.ball_prober import BallProber
 from lis_grasp.shapes import Shape
@@ -29,13 +28,13 @@ SALT = "touch"
 _TIP = 0.006  # radius of the ball [m]
 _BOX = 1.2  # side of the box of queries and targets, in sizes
 _OFF = 0.05  # distance of a grasp's point from the true surface that is permitted, in sizes
-_FRICTION = 0.7
+_FRICTION, _TORSION = 0.7, 0.005  # of the soft fingers of a grasp: 1, and [m]
 _CACHED = 512  # objects
 _DOWN = np.array([0.0, 0.0, -1.0])
 
 
 class TouchEnv(gymnasium.Env):
-    """Touches of an object of which place and size are known, with an answer after each.
+    """Touches of an object of which place and size are known, with an answer before each.
 
     Positions are from the centre of the object, in half its size. An episode has `touches` probes.
 
@@ -80,7 +79,7 @@ class TouchEnv(gymnasium.Env):
     (5, 6)
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own attribute
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
 
     def __init__(
         self,
@@ -93,7 +92,7 @@ class TouchEnv(gymnasium.Env):
         if answer not in get_args(Answer):
             raise InvalidOptionError.not_one_of("answer", answer, get_args(Answer))
         require_at_least(1, touches=touches, queries=queries, objects=objects)
-        self._answer, self._touches, self._objects = answer, touches, objects
+        self.answer, self._touches, self._objects = answer, touches, objects
         self._queries = queries if answer == "occupancy" else 0
         observed: dict[str, spaces.Space[Any]] = {
             "contacts": spaces.Box(-2.0, 2.0, (touches, 6), np.float64),
@@ -115,15 +114,15 @@ class TouchEnv(gymnasium.Env):
         super().reset(seed=seed)
         number = (options or {}).get("number", int(self.np_random.integers(self._objects)))
         self._shape, self._prober, self._tree = _object(number)
-        self._half = 0.5 * self._shape.size
+        self.half = 0.5 * self._shape.size
         self.outcomes: list[ProbeOutcome] = []
         self._contacts = np.zeros((self._touches, 6))
         self._touched = np.zeros(self._touches, dtype=np.int8)
-        self._places = self.np_random.uniform(-_BOX, _BOX, (self._queries, 3))
+        self.places = self.np_random.uniform(-_BOX, _BOX, (self._queries, 3))
         self._inside = np.zeros(0)
         if self._queries:
             mesh = self._shape.mesh
-            solid = winding_numbers(self._half * self._places, mesh.vertices, mesh.faces)
+            solid = winding_numbers(self.half * self.places, mesh.vertices, mesh.faces)
             self._inside = (solid > 0.5).astype(np.float64)
         return self._observation(), {"object": self._shape.name}
 
@@ -136,7 +135,7 @@ class TouchEnv(gymnasium.Env):
         self.outcomes.append(outcome)
         if outcome.status == "touched":
             found = outcome.contacts
-            self._contacts[last] = np.hstack([found.points[0] / self._half, found.normals[0]])
+            self._contacts[last] = np.hstack([found.points[0] / self.half, found.normals[0]])
             self._touched[last] = 1
         ended = len(self.outcomes) == self._touches
         reward = self._score(np.asarray(action["answer"], np.float64), ended)
@@ -153,31 +152,31 @@ class TouchEnv(gymnasium.Env):
     def contacts(self) -> Contacts:
         """The contacts so far [m]."""
         rows = self._contacts[self._touched.astype(bool)]
-        return Contacts(self._half * rows[:, :3], rows[:, 3:])
+        return Contacts(self.half * rows[:, :3], rows[:, 3:])
 
     def action_of(self, probe: Probe | None, answer: FloatArray) -> dict[str, Any]:
         """Return the action whose line is that of a probe [m], with an answer."""
         if probe is None:
             probe = Probe(np.zeros(3), _DOWN, 0.0, 0.0)
-        place = np.clip(probe.target / (_BOX * self._half), -1.0, 1.0)
+        place = np.clip(probe.target / (_BOX * self.half), -1.0, 1.0)
         return {"touch": np.hstack([place, probe.direction]), "answer": answer}
 
     def _probe(self, touch: FloatArray) -> Probe:
         """Return the probe of an action, from outside of the object's ball and through it."""
         length = float(np.linalg.norm(touch[3:]))
         along = touch[3:] / length if length > 0.0 else _DOWN
-        target, space = _BOX * self._half * touch[:3], self.space
+        target, space = _BOX * self.half * touch[:3], self.space
         standoff = float(space.approach_distance(target, along)) + 2.0 * _TIP
         return Probe(target, along, standoff, overshoot=space.size)
 
     def _observation(self) -> dict[str, Any]:
         seen: dict[str, Any] = {"contacts": self._contacts.copy(), "touched": self._touched.copy()}
-        return seen | ({"queries": self._places.copy()} if self._queries else {})
+        return seen | ({"queries": self.places.copy()} if self._queries else {})
 
     def _score(self, answer: FloatArray, ended: bool) -> float:
-        if self._answer == "occupancy":
+        if self.answer == "occupancy":
             return -float(np.mean((answer - self._inside) ** 2))
-        return float(ended and self._holds(self._half * answer.reshape(2, 3)))
+        return float(ended and self._holds(self.half * answer.reshape(2, 3)))
 
     def _holds(self, points: FloatArray) -> bool:
         """Return whether two fingers at points (2, 3) [m] touch the surface and hold it."""
@@ -185,20 +184,9 @@ class TouchEnv(gymnasium.Env):
         if np.sqrt(squares.max()) > _OFF * self._shape.size:
             return False
         normals = np.asarray(self._shape.mesh.face_normals)[faces]
-        return holds_between(nearest, normals)
-
-
-def holds_between(points: FloatArray, normals: FloatArray) -> bool:
-    """Return whether two soft fingers at points (2, 3) [m] with outward normals have force closure.
-
-    The line between them must be in both friction cones (Nguyen 1988).
-    """
-    line = points[1] - points[0]
-    if not line.any():
-        return False
-    along = unit(line)
-    cosines = np.array([-normals[0] @ along, normals[1] @ along])
-    return bool((cosines > 1.0 / np.sqrt(1.0 + _FRICTION**2)).all())
+        return is_force_closure(
+            nearest, normals, friction=_FRICTION, model="soft_finger", torsion=_TORSION
+        )
 
 
 @lru_cache(maxsize=_CACHED)
