@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping
-from functools import wraps
+from functools import partial, wraps
+from pkgutil import resolve_name
 from typing import Any, ParamSpec, TypeVar
 
 from lis_grasp.exceptions import nearest_or_all
@@ -34,7 +35,6 @@ FUNCTIONS = {
             "pipeline.direct.lift": "simulate simulate_lift simulate_grasp lift_object execute",
             "evaluation.surface_error.surface_error": "chamfer chamfer_distance compare_meshes",
             "grasping.epsilon.epsilon_quality": "ferrari_canny grasp_quality",
-            "visualization.Scene": "show plot draw view visualize visualise",
             "robots.arm.Arm": "Arm",
             "robots.arm.Arm.load": "load_arm",
             "robots.hand.Hand.load": "load_hand load_gripper",
@@ -77,7 +77,7 @@ MEMBERS = _lists(
     {
         "points": "positions xyz",
         "in_frame": "transform transformed apply_transform",
-        "load": "from_file from_csv from_ply from_yaml from_folder from_json read",
+        "load": "from_file from_csv from_ply from_yaml from_urdf from_folder from_json read",
         "save": "to_csv to_ply to_file to_json write export",
         "append": "concatenate extend merge",
         "to_pandas": "to_dataframe to_df dataframe",
@@ -93,6 +93,16 @@ MEMBERS = _lists(
     }
 )
 """Members of records and surfaces, with other words for each; some words are of several."""
+
+
+METHODS = {
+    "evaluate": dict.fromkeys(
+        ("to_mesh", "mesh", "extract_mesh", "to_trimesh"), "meshing.extract_mesh"
+    ),
+    "free_points": dict.fromkeys(("estimate", "fit"), "stages.estimate.estimate"),
+    "__dataclass_fields__": dict.fromkeys(("to_dict", "as_dict", "asdict"), "records.fields_of"),
+}
+"""Functions that are called as methods, by a member of the object that is their first argument."""
 
 
 def option_called(word: str, accepted: Iterable[str]) -> str:
@@ -145,7 +155,9 @@ class WordedClass(type):
         for name in _members_called(word):
             if isinstance(inspect.getattr_static(cls, name, None), classmethod):
                 return getattr(cls, name)
-        raise AttributeError(f"type object '{cls.__name__}' has no attribute '{word}'")
+        names = [name for name in dir(cls) if name[0] != "_"]
+        advice = "" if word.startswith("_") else nearest_or_all(word, names)
+        raise AttributeError(f"type object '{cls.__name__}' has no attribute '{word}'{advice}")
 
 
 class Worded:
@@ -160,5 +172,8 @@ class Worded:
         for name in _members_called(word):
             if name in names:
                 return getattr(self, name)
+        for member, methods in METHODS.items():
+            if word in methods and hasattr(type(self), member):
+                return partial(resolve_name(f"lis_grasp.{methods[word]}"), self)
         advice = "" if word.startswith("_") else nearest_or_all(word, names)
         raise AttributeError(f"'{type(self).__name__}' has no attribute '{word}'{advice}")

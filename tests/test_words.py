@@ -57,6 +57,18 @@ def test_a_member_and_a_class_method_are_found_by_other_words(tmp_path: Path) ->
     assert Hand.from_yaml("wsg50").joint_names == Hand.load("wsg50").joint_names
 
 
+def test_a_function_of_an_object_may_be_called_as_its_method() -> None:
+    surface = CONTACTS.estimate("gpis")
+    np.testing.assert_array_equal(
+        surface.evaluate(POINTS), lis_grasp.estimate(CONTACTS, "gpis").evaluate(POINTS)
+    )
+    mesh = surface.to_mesh(voxel_size=0.01)
+    np.testing.assert_array_equal(
+        mesh.vertices, lis_grasp.extract_mesh(surface, resolution=0.01).vertices
+    )
+    assert CONTACTS.to_dict()["points"] is CONTACTS.points
+
+
 def test_an_unknown_member_is_answered_by_the_nearest_or_all() -> None:
     with pytest.raises(AttributeError, match="'points'"):
         CONTACTS.pointz  # noqa: B018
