@@ -4,6 +4,8 @@ lis-grasp run mallet --known --seed 3 --hand leap --prober kinematic --output re
 python docs/make_animation.py results/mallet
 lis-grasp run box --known --seed 3 --arm iiwa14 --touches 20 --output results/arm
 python docs/make_animation.py results/arm --name arm --to-azimuth 60
+lis-grasp run mallet --seed 3 --camera --touches 3 --place table --output results/see
+python docs/make_animation.py results/see --name see
 """
 
 from __future__ import annotations

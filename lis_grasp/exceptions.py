@@ -6,7 +6,7 @@ import difflib
 import reprlib
 import sys
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -284,6 +284,20 @@ class PluginError(EstimationError):
     def __init__(self, message: str, *, plugin: str = "") -> None:
         super().__init__(message)
         self.plugin = plugin
+
+
+class FailedCheckError(InvalidInputError):
+    """A claim of `lis_grasp.testing` that an estimator, a policy or a hand does not meet.
+
+    Attributes
+    ----------
+    failures
+        Sentences by the names of the checks that failed.
+    """
+
+    def __init__(self, message: str, *, failures: Mapping[str, str] | None = None) -> None:
+        super().__init__(message)
+        self.failures = dict(failures or {})
 
 
 class NoGraspError(LisGraspError):

@@ -6,6 +6,7 @@ import gc
 import os
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -15,8 +16,18 @@ import pytest
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+from lis_grasp.robots.hand import Hand  # noqa: E402
+from lis_grasp.robots.shipped_models import HAND_NAMES  # noqa: E402
+
 # Modules and cases stay alive: to search them for garbage took a third of the collection of cases.
 gc.disable()
+
+# Hands are not changed, and reading one takes a tenth of a second: tests share the package's.
+_read_hand = Hand.load.__func__  # type: ignore[attr-defined]
+_shared_hand = cache(lambda name: _read_hand(Hand, name))
+Hand.load = classmethod(  # type: ignore[method-assign, assignment]
+    lambda cls, name: _shared_hand(name) if name in HAND_NAMES else _read_hand(cls, name)
+)
 
 _STUDIES = Path(__file__).parent / "studies"
 _SMOKE_STEP = 20  # About 300 cases; the first of each file enters every folder.
@@ -37,6 +48,9 @@ def pytest_collection_modifyitems(
     for item in items:
         if _STUDIES in item.path.parents:
             item.add_marker(pytest.mark.experiments)
+        usual = item.get_closest_marker("by_default")
+        if usual is not None and item.callspec.id not in usual.args:  # type: ignore[attr-defined]
+            item.add_marker(pytest.mark.slow)
     yield  # `-m` and `-k` select
     if config.getoption("smoke"):
         cases: dict[Path, list[pytest.Item]] = defaultdict(list)

@@ -102,8 +102,8 @@ def test_an_estimate_is_that_of_the_pipeline() -> None:
         np.testing.assert_array_equal(surface.evaluate(points), other.evaluate(points))
     with pytest.raises(InvalidOptionError, match="'blend'"):
         lis_grasp.estimate(CONTACTS, "blendd")
-    with pytest.raises(TypeError, match="Contacts"):
-        lis_grasp.estimate("contacts.ply")  # type: ignore[arg-type]
+    with pytest.raises(InvalidFileError, match=r"contacts\.ply"):
+        lis_grasp.estimate("contacts.ply")
 
 
 # ---------------------------------------------------------------- grasps

@@ -21,7 +21,7 @@ from lis_grasp.exceptions import (
 )
 from lis_grasp.exploration.policy import POLICY_NAMES
 from lis_grasp.io.surface_files import load_surface
-from lis_grasp.robots.hand_check import check_hand
+from lis_grasp.robots.hand_check import hand_findings
 from lis_grasp.surfaces import ESTIMATORS
 from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES, find_estimator
 from lis_grasp_studies.estimators import TUNED, compared_estimator
@@ -104,7 +104,7 @@ def contacts(installed: Path) -> Contacts:
     )
     hand = Hand.load(config.hand)
     assert hand.name == "square_jaw"
-    assert all(finding.fine for finding in check_hand(hand))
+    assert all(finding.fine for finding in hand_findings(hand))
     scenario = pipeline.Scenario.from_config(config, shapes.build("box", 0.06))
     return pipeline.touch(scenario).contacts
 
@@ -230,6 +230,7 @@ def own_policies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[No
     sys.modules.pop("mypol", None)
 
 
+@pytest.mark.by_default("Typo-mypol.py:12-TypeError")
 @pytest.mark.usefixtures("own_policies")
 @pytest.mark.parametrize(
     ("name", "place", "cause"),

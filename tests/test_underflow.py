@@ -18,6 +18,7 @@ BAR = Contacts(_X.ravel()[:, None] * [1.0, 0.0, 0.0] + 0.01 * _NORMALS, _NORMALS
 POINTS = np.random.default_rng(0).uniform(-0.3, 0.5, (200, 3))
 
 
+@pytest.mark.by_default("lis", "gpis")
 @pytest.mark.parametrize("name", sorted(ESTIMATORS))
 def test_a_program_that_raises_gets_the_same_estimate(name: str) -> None:
     values = []

@@ -17,7 +17,7 @@ from lis_grasp.cli.progress import say, say_findings
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_check import Finding, check_hand
+from lis_grasp.robots.hand_check import Finding, hand_findings
 from lis_grasp.robots.repair_file import write_repaired
 from lis_grasp.robots.yaml_files import description_of
 from lis_grasp.stages.estimate import SurfaceEstimate
@@ -30,6 +30,17 @@ from lis_grasp.version import __version__
 _PACKAGES = ("drake", "numpy", "scipy", "trimesh", "python-fcl", "meshcat", "manifold3d")
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
 _ENOUGH_MEMORY = 2.0  # [GiB]
+# Renders an empty depth image with Drake.
+_RENDERING = """
+from pydrake.geometry import ClippingRange, DepthRange, DepthRenderCamera, MakeRenderEngineVtk
+from pydrake.geometry import RenderCameraCore, RenderEngineVtkParams
+from pydrake.math import RigidTransform
+from pydrake.systems.sensors import CameraInfo, ImageDepth32F
+core = RenderCameraCore("", CameraInfo(8, 8, 1.0), ClippingRange(0.1, 1.0), RigidTransform())
+camera, image = DepthRenderCamera(core, DepthRange(0.1, 1.0)), ImageDepth32F(8, 8)
+MakeRenderEngineVtk(RenderEngineVtkParams()).RenderDepthImage(camera, image)
+assert (image.data == float("inf")).all()
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,7 +70,7 @@ def execute(options: argparse.Namespace) -> None:
         hand = Hand.load(options.hand or Task().robot.hand)
         findings = check_arm(Arm.load(options.arm), hand)
     elif options.hand is not None:
-        findings = check_hand(Hand.load(options.hand))
+        findings = hand_findings(Hand.load(options.hand))
     else:
         findings = check_machine()
     say_findings(findings)
@@ -87,7 +98,7 @@ def check_machine() -> list[Finding]:
         f"lis-grasp {__version__}, Python {platform.python_version()},"
         f" {platform.system()} {platform.machine()}, {os.cpu_count()} cores"
     )
-    checks = _packages(), _drake(), _memory(), _browser(), _self_test()
+    checks = _packages(), _drake(), _rendering(), _memory(), _browser(), _self_test()
     return [Finding(True, machine), *checks]
 
 
@@ -114,15 +125,35 @@ def _drake() -> Finding:
     return Finding(False, f"Drake cannot be imported: {reason}{advice}")
 
 
+def _rendering() -> Finding:
+    """Return whether Drake's renderer works: for cameras in Diagrams only, so no fault if not."""
+    # Without a driver of EGL it ends the process.
+    command = [sys.executable, "-c", _RENDERING]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode == 0:
+        return Finding(True, "Drake can render depth images")
+    crash = f"it crashed with signal {-done.returncode}"
+    reason = (
+        crash if done.returncode < 0 else (done.stderr.strip().splitlines() or ["no reason"])[-1]
+    )
+    return Finding(
+        True,
+        f"Drake cannot render depth images ({reason}): an RgbdSensor needs EGL, Debian's libegl1"
+        " and libgl1-mesa-dri; run --camera does not",
+    )
+
+
 def _memory() -> Finding:
+    # Free pages alone would leave out what the system's caches give back on demand.
     try:
-        pages = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (ValueError, OSError):
-        return Finding(True, "free memory: unknown on this system")
-    free = pages / 2**30
-    enough = free >= _ENOUGH_MEMORY
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        kibibytes = next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable:"))
+    except (OSError, StopIteration):
+        return Finding(True, "memory: unknown on this system")
+    available = kibibytes / 2**20
+    enough = available >= _ENOUGH_MEMORY
     advice = "" if enough else f"; a process needs up to {_ENOUGH_MEMORY:g} GiB"
-    return Finding(enough, f"free memory: {free:.1f} GiB{advice}")
+    return Finding(enough, f"available memory: {available:.1f} GiB{advice}")
 
 
 def _browser() -> Finding:

@@ -15,7 +15,7 @@ from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.robots.draft.pipeline import draft_hand
 from lis_grasp.robots.draft.yaml_text import hand_yaml
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_check import check_hand
+from lis_grasp.robots.hand_check import hand_findings
 from lis_grasp.robots.model_uri import resolve_uri
 
 
@@ -66,7 +66,7 @@ def write_draft(options: argparse.Namespace) -> None:
     hand = Hand.load(output)
     for note in draft.notes:
         say(f"note  {note}")
-    say_findings(check_hand(hand))
+    say_findings(hand_findings(hand))
     say(f"wrote {output}: joints: {len(hand.joint_names)}, fingers: {', '.join(hand.fingers)}")
     say(next_step("lis-grasp hand view {0}, or: lis-grasp run box --hand {0}", output))
 
@@ -77,7 +77,7 @@ def write_page(options: argparse.Namespace) -> None:
 
     hand = Hand.load(options.hand)
     output = options.output or Path(f"{hand.name}.html")
-    findings = check_hand(hand)
+    findings = hand_findings(hand)
     lines = [f"{'ok' if f.fine else 'FIX'}: {f.text}" for f in findings]
     fine = sum(f.fine for f in findings)
     headline = [(f"{fine} of {len(findings)}", "checks passed")] if fine == len(findings) else []

@@ -8,9 +8,11 @@ from pathlib import Path
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import next_step, say
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.logs.depth_images import load_bag_view
+from lis_grasp.logs.readers import BAG_ENDINGS
 from lis_grasp.results.folder import VIEW
 from lis_grasp.results.seen import SEEN_CONTACTS, SEEN_PAGE, see
-from lis_grasp.views import load_view
+from lis_grasp.views import DepthView, load_view
 from lis_grasp.views.image_files import load_image, read_mask
 
 
@@ -20,14 +22,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "image",
         type=Path,
         metavar="IMAGE",
-        help="depth along the optical axis: a .png of 16 bits in millimetres, a .npy in metres, or"
-        " a view.npz",
+        help="depth along the optical axis: a .png of 16 bits in millimetres, a .npy in metres, an"
+        " organised .pcd, a bag of ROS (.bag, .mcap, .db3 or a folder), or a view.npz",
     )
     parser.add_argument(
         "--camera",
         type=Path,
         metavar="YAML",
-        help="intrinsics and pose of the camera: see the page on views (not for a view.npz)",
+        help="what IMAGE does not say of the camera's intrinsics and pose: see the page on views",
     )
     parser.add_argument(
         "--mask",
@@ -48,13 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Write what the view shows, and print what was understood."""
-    if options.camera is not None:
-        view = load_image(options.image, options.camera)
-    elif options.image.suffix.lower() == ".npz":
-        view = load_view(options.image)
-    else:
-        message = f"{options.image} needs --camera, the YAML file of its intrinsics and pose"
-        raise InvalidOptionError(message, option="camera")
+    view = _load(options.image, options.camera)
     if options.mask is not None:
         view = view.with_mask(read_mask(options.mask, view.depth.shape))
     folder = options.output or options.image.parent
@@ -63,3 +59,16 @@ def execute(options: argparse.Namespace) -> None:
         say(line)
     say(f"wrote {folder / VIEW}, {SEEN_CONTACTS}, {SEEN_PAGE}")
     say(next_step("lis-grasp estimate {}", folder / SEEN_CONTACTS))
+
+
+def _load(image: Path, camera: Path | None) -> DepthView:
+    """Return the view of a file, by its kind."""
+    ending = image.suffix.lower()
+    if ending == ".npz" and camera is None:
+        return load_view(image)
+    if ending in BAG_ENDINGS or image.is_dir():
+        return load_bag_view(image, camera)
+    if camera is None and ending != ".pcd":
+        message = f"{image} needs --camera, the YAML file of its intrinsics and pose"
+        raise InvalidOptionError(message, option="camera")
+    return load_image(image, camera)

@@ -9,15 +9,18 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidFileError, note
-from lis_grasp.geometry import UNIT_TOLERANCE
+from lis_grasp.geometry import UNIT_TOLERANCE, make_pose
 from lis_grasp.io._point_columns import NORMAL, POINT
 from lis_grasp.io.csv_tables import DECIMAL_COMMA, cell_number, text_of, uncommented
 from lis_grasp.io.limits import ReadError, read_arrays, require_small
+from lis_grasp.typing import FloatArray
 
 Columns = dict[str, npt.NDArray[Any]]
 
+_NO_VIEWPOINT = ["0", "0", "0", "1", "0", "0", "0"]
 _SIDES = {"points": POINT, "normals": NORMAL, "approach": ("ax", "ay", "az")}
 # Synonyms among the names of an NPZ's arrays.
 _NAMES = {
@@ -80,7 +83,12 @@ def positional(path: Path, rows: Sequence[Sequence[str]]) -> Columns:
 
 def read_npy(path: Path) -> Columns:
     """Return the columns of an array of shape (..., 3), (..., 6) with normals, or with names."""
-    return _named(path, "points", np.load(path, allow_pickle=False))
+    return columns_of(path, np.load(path, allow_pickle=False))
+
+
+def columns_of(path: Path, array: npt.NDArray[Any]) -> Columns:
+    """Return the columns of an array of points, as `read_npy` does."""
+    return _named(path, "points", array)
 
 
 def read_npz(path: Path) -> Columns:
@@ -122,6 +130,31 @@ def read_pcd(path: Path) -> Columns:
 
     Raises ValueError or LookupError if it is damaged, or has less than it announces.
     """
+    return _pcd(path)[1]
+
+
+def read_organised_pcd(path: Path) -> tuple[FloatArray, FloatArray | None]:
+    """Return the points (H, W, 3) of a PCD file that has the rows and columns of an image.
+
+    Missing points are NaN. Returns its viewpoint, too: the pose (4, 4) of the sensor; None if it
+    has none, or the identity, which writers put there that know no pose. Raises as `read_pcd` does.
+    """
+    head, columns = _pcd(path)
+    width, height = (int(head[name][0]) for name in ("WIDTH", "HEIGHT"))
+    if height < 2 or width * height != len(columns["x"]):
+        raise ReadError(
+            f"its points are in no rows and columns: HEIGHT is {height}",
+            "write the organised cloud of a camera, before points are removed or joined",
+        )
+    points = np.stack([columns[name].astype(np.float64) for name in POINT], axis=-1)
+    seven = np.array(head.get("VIEWPOINT", _NO_VIEWPOINT), dtype=np.float64)
+    turn = Rotation.from_quat(seven[[4, 5, 6, 3]])  # PCL has w first
+    pose = make_pose(turn.as_matrix(), seven[:3])
+    return points.reshape(height, width, 3), None if np.array_equal(pose, np.eye(4)) else pose
+
+
+def _pcd(path: Path) -> tuple[dict[str, list[str]], Columns]:
+    """Return the lines of a PCD file's head by their first words, and its fields."""
     content = path.read_bytes()
     start = re.search(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", content, re.MULTILINE)
     if start is None:
@@ -165,7 +198,7 @@ def read_pcd(path: Path) -> Columns:
             )
     # Fields of several numbers are descriptors, and _ is padding.
     scalars = zip(names, columns, counts, strict=True)
-    return {n: values[:, 0] for n, values, count in scalars if count == 1 and n != "_"}
+    return head, {n: values[:, 0] for n, values, count in scalars if count == 1 and n != "_"}
 
 
 def _require_points(announced: int, held: int) -> None:

@@ -36,7 +36,14 @@ from lis_grasp.io._point_columns import (
     stated_unit,
     table,
 )
-from lis_grasp.io._point_readers import positional, read_npy, read_npz, read_pcd, read_rows
+from lis_grasp.io._point_readers import (
+    columns_of,
+    positional,
+    read_npy,
+    read_npz,
+    read_pcd,
+    read_rows,
+)
 from lis_grasp.io.atomic_writing import write_bytes
 from lis_grasp.io.content_kinds import named_by_content
 from lis_grasp.io.csv_tables import cell_number, read_table, text_of, uncommented
@@ -79,6 +86,13 @@ def read_point_file(path: Path) -> dict[str, Any]:
     with named_by_content(path):
         fields = _read_fields(path)
     require_resolved(path, fields["points"])
+    return fields
+
+
+def point_fields(name: Path, array: npt.NDArray[Any]) -> dict[str, Any]:
+    """Return the fields of an array in memory as `read_point_file` does; errors use its `name`."""
+    fields = _of_columns(name, columns_of(name, array))
+    require_resolved(name, fields["points"])
     return fields
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from lis_grasp.arms.carrying import CarryingArm
 from lis_grasp.geometry import apply_pose, inverse_pose, make_pose
 from lis_grasp.grasping.body_clearance import BodyClearance
 from lis_grasp.grasping.grasps import Grasp
@@ -34,6 +35,8 @@ _CUT, _DEPTH = 0.001, 0.005
 # number of surfaces that the estimate allows; largest pitch of the wrist [rad].
 _SAME_POSE, _LEAST_PROBABILITY, _LEAST_STAYS = float(np.deg2rad(10.0)), 0.05, 0.8
 _SAMPLES, _STEEPEST = 20, float(np.deg2rad(80.0))
+# Turn between two checked poses of the way [rad].
+_TURN_STEP = 0.1
 # Steps and limit of the gap to a wall that hand and object need [m].
 _GAP_STEP, _LARGEST_GAP = 0.002, 0.15
 # Heights of the way above that of the lift [m], tried in this order.
@@ -109,6 +112,8 @@ class PlaceSearch:
     lift_height: float  #: rise of the wrist after which it carries the object [m]
     standoff: float  #: length of the retreat [m]
     margin: float = 0.0  #: error of the bodies' places [m]
+    #: the arm as it holds the object, lifted; None for a free hand
+    arm: CarryingArm | None = None
 
     def on_table(self, stand: Stand) -> PlacePlan | None:
         """Return the nearest free place aside for a pose; None if there is none."""
@@ -156,10 +161,10 @@ class PlaceSearch:
             motion = turn.copy()
             for normal, gap in zip(corner.away, gaps, strict=True):
                 motion[:3, 3] += (gap - ((points - corner.vertex) @ normal).min()) * normal
-            hit = self._hit(motion, self.lift_height)
-            if hit is None:
-                named = dict(zip(corner.names, gaps.tolist(), strict=True))
-                return replace(self._plan(motion, self.lift_height), gaps=named)
+            plan = self._free(motion)
+            if plan is not None:
+                return replace(plan, gaps=dict(zip(corner.names, gaps.tolist(), strict=True)))
+            hit = self._hit(motion, self.lift_height + _HIGHER[-1])
             if hit not in corner.names:
                 return None
             gaps[corner.names.index(hit)] += _GAP_STEP
@@ -202,16 +207,25 @@ class PlaceSearch:
             for posture in (q, self.grasp.pregrasp_positions):
                 if self._lowest_of_hand(motion @ X_OH, posture) < self.support_height:
                     return "table"
-        if not len(self.surroundings):
-            return None
-        way = self._palms(motion, carry)
-        hit = self.clearance.hit_by_hand(way, q) or self.clearance.hit_by_object(X_OH, way)
-        if hit is not None:
-            return hit
-        back = np.repeat((motion @ X_OH)[None], 1 + round(self.standoff / LIFT_STEP), axis=0)
-        retreat = -self.standoff * (motion[:3, :3] @ self.grasp.approach_O)
-        back[:, :3, 3] += np.linspace(0.0, 1.0, len(back))[:, None] * retreat
-        return self.clearance.hit_by_hand(back, self.grasp.pregrasp_positions)
+        way, back = self._palms(motion, carry), self._retreat(motion)
+        if len(self.surroundings):
+            hit = (
+                self.clearance.hit_by_hand(way, q)
+                or self.clearance.hit_by_object(X_OH, way)
+                or self.clearance.hit_by_hand(back, self.grasp.pregrasp_positions)
+            )
+            if hit is not None:
+                return hit
+        there = np.concatenate([way[::-1], back])
+        return None if self.arm is None or self.arm.follows(there) else "arm"
+
+    def _retreat(self, motion: FloatArray) -> FloatArray:
+        """Return poses (S, 4, 4) of the palm from the place away from the object."""
+        steps = 1 + round(self.standoff / LIFT_STEP)
+        back = np.repeat((motion @ self.grasp.X_OH)[None], steps, axis=0)
+        away = -self.standoff * (motion[:3, :3] @ self.grasp.approach_O)
+        back[:, :3, 3] += np.linspace(0.0, 1.0, steps)[:, None] * away
+        return np.asarray(back)
 
     def _leans(self, motion: FloatArray) -> bool:
         """Return whether a place turns the hand in the vertical, so that it may hit the table."""
@@ -234,7 +248,8 @@ class PlaceSearch:
         corners = [goal, goal + up, up]
         way: list[FloatArray] = []
         for start, end in pairwise(corners):
-            steps = int(np.ceil(np.linalg.norm(end[:3] - start[:3]) / LIFT_STEP)) + 1
+            far, turn = np.linalg.norm(end[:3] - start[:3]), np.abs(end[3:] - start[3:]).max()
+            steps = int(np.ceil(max(far / LIFT_STEP, turn / _TURN_STEP))) + 1
             way += list(start + np.linspace(0.0, 1.0, steps + 1)[:, None] * (end - start))
         displacements = np.array(way)
         turns = Rotation.from_euler("xyz", displacements[:, 3:]).as_matrix()

@@ -212,6 +212,9 @@ class LiftTrial:
         )
         try:
             self._place = placing.run(self._closing.here, self._rise, self._retreat)
+        except ArmStoppedError as stopped:
+            hit = stopped.reason == "arm_collision"
+            self._place = PlaceOutcome("collided" if hit else "not_reached", self._setup.place)
         except SimulationError:
             self._place = PlaceOutcome("diverged", self._setup.place)
 

@@ -37,6 +37,8 @@ CONTENT: Mapping[str, Content] = {
     "geometry_msgs/Transform": "pose",
     "geometry_msgs/TransformStamped": "pose",
     "nav_msgs/Odometry": "pose",
+    "sensor_msgs/CameraInfo": "camera",
+    "sensor_msgs/Image": "image",
     "sensor_msgs/JointState": "joints",
     "tf/tfMessage": "transforms",
     "tf2_msgs/TFMessage": "transforms",
@@ -141,6 +143,15 @@ class BagLog(RobotLog):
         """Return the names of all joints, sorted."""
         joints = self._all_joints().items()
         return tuple(sorted(n for n, found in joints if not all(s.is_left_out for s in found)))
+
+    def first(self, topic: str, content: Content) -> tuple[float, str, Any]:
+        """Return the first message of a topic, its time [s], and the frame of its header.
+
+        Raises `InvalidFileError` if the topic has no message.
+        """
+        for stamp, message in self._messages(topic, content):
+            return stamp[self._clock], _frame(message), message
+        raise InvalidFileError.of(self._path, f"has no message of the topic {topic}")
 
     def _named(self, content: Content) -> tuple[str, ...]:
         return tuple(topic.name for topic in self.topics if topic.content == content)

@@ -19,7 +19,7 @@ from lis_grasp.exceptions import InvalidInputError, note
 from lis_grasp.geometry import inverse_pose, make_pose, unit
 from lis_grasp.typing import FloatArray
 
-Content = Literal["force", "pose", "transforms", "joints", "other"]
+Content = Literal["force", "pose", "transforms", "joints", "image", "camera", "other"]
 
 
 # A pose between two samples farther apart than this is unknown [s].

@@ -32,6 +32,10 @@ __all__ = [
 ]
 
 
+BAG_ENDINGS = (".bag", ".mcap", ".db3")
+"""Endings of bags that are files."""
+
+
 def open_log(path: Path, *, posed: bool = True, reading: LogReading = LogReading()) -> RobotLog:
     """Open a robot's log: .bag (ROS 1), .mcap, .db3 or a folder (ROS 2), or .csv.
 
@@ -51,7 +55,7 @@ def open_log(path: Path, *, posed: bool = True, reading: LogReading = LogReading
     _require_used(path, ending == ".csv", reading)
     if ending == ".csv":
         return CsvLog(path, posed=posed, reading=reading)
-    if path.is_dir() or ending in (".bag", ".mcap", ".db3"):
+    if path.is_dir() or ending in BAG_ENDINGS:
         with named_by_content(path):
             return BagLog(path, reading)
     raise InvalidFileError(

@@ -20,7 +20,7 @@ from lis_grasp.io.atomic_writing import sole_writer
 from lis_grasp.io.json_lines import MADE_AGAIN, append_lines, read_lines
 from lis_grasp.results.lifted_file import lifting_of
 from lis_grasp.results.progress import SILENT, Progress
-from lis_grasp.results.report import lift_facts
+from lis_grasp.results.report import ranked_facts
 from lis_grasp.stages.lift import lift_object
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.stages.worker_pool import process_count, worker_pool
@@ -42,7 +42,7 @@ class LabelledFile:
 
     path: Path
     search: GraspSearch
-    labels: Sequence[Mapping[str, Any]]  #: of the grasps in order; see `lift_facts`
+    labels: Sequence[Mapping[str, Any]]  #: of the grasps in order; see `ranked_facts`
 
 
 def label_file(
@@ -108,8 +108,7 @@ def label_file(
 
 def _label(scenario: Scenario, estimate: trimesh.Trimesh | None, job: Job) -> dict[str, Any]:
     rank, grasp = job
-    outcome = lift_object(scenario, grasp, estimate=estimate)
-    return {"rank": rank, **lift_facts(outcome, mass=scenario.truth.mass)}
+    return ranked_facts(rank, scenario, lift_object(scenario, grasp, estimate=estimate))
 
 
 def _in_processes(

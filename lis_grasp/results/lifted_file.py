@@ -17,14 +17,17 @@ from lis_grasp.io.option import at_least, checked_value
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.results.notes import say_repairs
 from lis_grasp.results.progress import SILENT, Progress
-from lis_grasp.results.report import lift_facts
+from lis_grasp.results.report import ranked_facts
 from lis_grasp.stages.lift import lift_each, require_simulator
+from lis_grasp.stages.place import with_place
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.stages.worker_pool import process_count
 from lis_grasp.task.recorded_facts import read_facts, recorded_base
 from lis_grasp.task.task import Task, require_options
 
-_LIFTED_WITH = ("object", "size", "units", "up", "arm", "base", "mass", "friction", "simulator")
+LIFTED_WITH = ("arm", "base", "mass", "friction", "simulator", "place")
+"""Options of a lift of grasps in a file, beside those of its object."""
+_OBJECT = ("object", "size", "units", "up")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +35,7 @@ class LiftedFile:
     """Outcomes of lifts in a file."""
 
     path: Path
-    lifts: Sequence[Mapping[str, Any]]  #: with the best grasps in order; see `lift_facts`
+    lifts: Sequence[Mapping[str, Any]]  #: with the best grasps in order; see `ranked_facts`
     mass: float  #: of the true object [kg]
 
 
@@ -50,7 +53,8 @@ def lift_file(
     The motion of the first lift is written as motion.npz. `folder` is by default that of the
     grasps. `best` is the number of grasps to lift with, `jobs` that of processes, by default one a
     core. The options are ``object``, ``size``, ``units``, ``up``, ``arm``, ``base``, ``mass``,
-    ``friction`` and ``simulator``, by default as recorded in the file, else as in `Task`.
+    ``friction``, ``simulator`` and ``place``, by default as recorded in the file, else as in
+    `Task`. The estimate surface.ply beside the grasps is what an arm avoids, and what is placed.
 
     Raises `InvalidOptionError` if a value is out of range, or no object is given or recorded,
     `TypeError` for another option.
@@ -77,7 +81,7 @@ def lift_file(
                 stage.result = outcome.reason
             if not lifts:
                 outcome.motion.save(folder / "motion.npz")
-            lifts.append({"rank": rank, **lift_facts(outcome, mass=scenario.truth.mass)})
+            lifts.append(ranked_facts(rank, scenario, outcome))
         facts = scenario.task.facts()
         facts = {n: v for n, v in facts.items() if n not in ("estimator", "policy")}
         header = provenance.merge(work.recorded, **facts)
@@ -91,25 +95,32 @@ class LiftingWork:
 
     search: GraspSearch
     scenario: Scenario
-    #: that an arm avoids, and bodies are kept off [m]; None for a hand without either
+    #: that an arm avoids, bodies are kept off, and is placed [m]; None where nothing needs it
     estimate: trimesh.Trimesh | None
     recorded: Mapping[str, Any]  #: facts of the header
 
 
 def lifting_of(path: Path, options: Mapping[str, Any], progress: Progress) -> LiftingWork:
     """Return the grasps in a file and what to lift, with the options of `lift_file`."""
-    require_options(options, _LIFTED_WITH)
+    require_options(options, (*_OBJECT, *LIFTED_WITH))
     recorded = read_facts(path, usual="grasps.json")
     search = GraspSearch.load(path)
     if options.get("object") is None and "object" not in recorded:
         raise InvalidOptionError(f"{path} records no object: name it by `object`", option="object")
     task = Task.from_facts({"hand": None, **options}, recorded)
     poses = {**recorded, "X_EA": recorded_base(options, recorded)}
-    scenario = Scenario.from_config(task, recorded=poses)
+    scenario = with_place(Scenario.from_config(task, recorded=poses))
     say_repairs(scenario.truth.shape, progress)
     truth = scenario.truth
     require_simulator(task.world.simulator, truth.shape, truth.surroundings)
-    surface = path.with_name("surface.ply")
-    agent = scenario.agent
-    avoided = (agent.station is not None or len(agent.surroundings)) and surface.exists()
+    surface, agent = path.with_name("surface.ply"), scenario.agent
+    if agent.decide.place is not None and not surface.exists():
+        raise InvalidOptionError(
+            f"place needs the estimate of the object, surface.ply beside {path.name}; {surface}"
+            " does not exist: copy it there, or leave out `place`",
+            option="place",
+            value=agent.decide.place,
+        )
+    needed = agent.station is not None or len(agent.surroundings) or agent.decide.place is not None
+    avoided = needed and surface.exists()
     return LiftingWork(search, scenario, load_surface(surface) if avoided else None, recorded)

@@ -54,7 +54,7 @@ def build_report(
         "grasps": _grasp_facts(last),
         "attempts": [_attempt_facts(attempt) for attempt in attempts],
         "lift": lift_facts(last.outcome, mass=scenario.truth.mass),
-        **place_facts(last),
+        **place_facts(last.scenario, last.outcome),
         **world_facts(attempts),
         **view_facts(scenario, exploration),
     }
@@ -235,13 +235,18 @@ def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
     }
 
 
-def place_facts(attempt: Attempt) -> dict[str, Any]:
+def ranked_facts(rank: int, scenario: Scenario, outcome: LiftOutcome) -> dict[str, Any]:
+    """Return what became of the lift, and of the placing, with a grasp of a rank from 1."""
+    lifted = lift_facts(outcome, mass=scenario.truth.mass)
+    return {"rank": rank, **lifted, **place_facts(scenario, outcome)}
+
+
+def place_facts(scenario: Scenario, outcome: LiftOutcome | None) -> dict[str, Any]:
     """Return what became of an object that was to be placed, as plain values; nothing for others.
 
     `moved` [m] and `turned` [rad] are from the planned pose of the true object, ``planned.X_EO``.
     """
-    truth, outcome = attempt.scenario.truth, attempt.outcome
-    if attempt.scenario.agent.decide.place is None:
+    if scenario.agent.decide.place is None:
         return {}
     made = None if outcome is None else outcome.place
     if made is None:
@@ -249,7 +254,7 @@ def place_facts(attempt: Attempt) -> dict[str, Any]:
     planned: dict[str, Any] | None = None
     if made.plan is not None:
         planned = {
-            "X_EO": (made.plan.motion @ truth.X_EO).tolist(),
+            "X_EO": (made.plan.motion @ scenario.truth.X_EO).tolist(),
             "stands": made.plan.stands,
             "band": made.plan.band,
             "gaps": dict(made.plan.gaps),

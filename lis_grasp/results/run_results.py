@@ -150,6 +150,11 @@ class Run:
         return SurfaceEstimate(self.contacts, known).surface
 
     @property
+    def held(self) -> bool | None:
+        """Whether the lifted object was held through the shake; None without a lift."""
+        return None if self.lift is None else bool(self.lift["held"])
+
+    @property
     def lift(self) -> Mapping[str, Any] | None:
         """The outcome of the lift, as in the report: ``lift["held"]``, ``lift["reason"]``."""
         return None if self.report is None else self.report["lift"]

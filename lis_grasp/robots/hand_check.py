@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -37,13 +38,9 @@ class Finding:
     text: str  #: the observation, and what to change if the check failed
 
 
-def check_hand(hand: Hand) -> list[Finding]:
+def hand_findings(hand: Hand) -> list[Finding]:
     """Return the findings on a hand, in the order in which to fix what failed."""
-    checks = (
-        *(_masses, _efforts, _self_collisions),
-        *(_pads, _opposition, _probe_postures, _forces),
-    )
-    return [finding for check in checks for finding in check(hand)]
+    return [finding for check in HAND_CHECKS.values() for finding in check(hand)]
 
 
 def body_findings(model: RobotModel, *, also: str = "") -> Iterator[Finding]:
@@ -288,3 +285,17 @@ def _body_link(hand: Hand, pad: Pad) -> str:
 def exclusion_lines(pairs: Sequence[tuple[str, str]]) -> Iterator[str]:
     """Yield pairs of links as items of ``self_collision_exclusions``."""
     yield from (f"  - [{word(first)}, {word(second)}]" for first, second in pairs)
+
+
+HAND_CHECKS: Mapping[str, Callable[[Hand], Iterator[Finding]]] = MappingProxyType(
+    {
+        "masses": _masses,
+        "efforts": _efforts,
+        "self_collisions": _self_collisions,
+        "pads": _pads,
+        "opposition": _opposition,
+        "probe_postures": _probe_postures,
+        "forces": _forces,
+    }
+)
+"""The checks of a hand by name, in the order in which to fix what failed."""

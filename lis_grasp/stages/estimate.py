@@ -44,6 +44,7 @@ from lis_grasp.surfaces.contact_checks import (
     doubt_of_table,
     turned_outward,
 )
+from lis_grasp.surfaces.contact_loading import ContactSource, load_contacts
 from lis_grasp.surfaces.estimators import (
     ESTIMATORS,
     accepted_options,
@@ -52,6 +53,7 @@ from lis_grasp.surfaces.estimators import (
     require_noise_below_size,
     require_signs,
 )
+from lis_grasp.surfaces.least_uncertainty import LeastUncertainty
 from lis_grasp.surfaces.measured_extents import measured_extents
 from lis_grasp.task.decide import Decide
 from lis_grasp.task.robot import Robot
@@ -205,10 +207,12 @@ class SurfaceEstimate(Record):
 
     def _made(self, contacts: Contacts, guesses: Contacts) -> ImplicitSurface:
         """Return the surface of contacts with their verdict, what was seen, and guesses."""
-        more = guesses.append(self.given.seen)
-        if len(self.given.seen):
-            more, contacts = (replace(each, judged=True) for each in (more, contacts))
-        return self.perception.make(contacts.append(more))
+        make, seen = self.perception.make, self.given.seen
+        if not len(seen):
+            return make(contacts.append(guesses))
+        touched, implied, seen = (replace(c, judged=True) for c in (contacts, guesses, seen))
+        surface = make(touched.append(implied).append(seen))
+        return LeastUncertainty(surface, touched.append(seen))
 
     @cached_property
     def surface(self) -> ImplicitSurface:
@@ -242,7 +246,7 @@ class SurfaceEstimate(Record):
 
 
 def estimate(
-    contacts: Contacts,
+    contacts: Contacts | ContactSource,
     estimator: str | Estimator = "blend",
     *,
     support_height: float | None = None,
@@ -257,7 +261,7 @@ def estimate(
     Parameters
     ----------
     contacts
-        Contacts of one object, in its frame O.
+        Contacts of one object, in its frame O, or what `load_contacts` reads.
     estimator
         "blend", "smooth", "gpis", "lis", "patch", or a plug-in: its name, ``my.module:Class``,
         or a function of contacts.
@@ -291,12 +295,10 @@ def estimate(
     >>> bool(abs(surface.evaluate([0.0, 0.0, 0.03])) < 1e-6)  # the surface is where this is 0
     True
     """
-    if not isinstance(contacts, Contacts):
-        raise TypeError(
-            f"write Contacts(points, normals) or load_contacts(path), not {type(contacts).__name__}"
-        )
-    height, margin = options.pop("table", support_height), options.pop("margin", 0.0)
     normals, views = options.pop("normals", None), tuple(options.pop("views", ()))
+    if not isinstance(contacts, Contacts):
+        contacts = load_contacts(contacts, normals=normals)
+    height, margin = options.pop("table", support_height), options.pop("margin", 0.0)
     if views and height is None:
         message = "views are of an object on a table: give its height, support_height"
         raise InvalidOptionError(message, option="support_height")

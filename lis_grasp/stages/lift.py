@@ -83,8 +83,6 @@ def lift_object(
     truth, agent = scenario.truth, scenario.agent
     if options is None:
         options = fitting_lift(agent, grasp, estimate, lift_options(agent) or LiftOptions())
-    is_placed = agent.decide.place is not None and estimate is not None
-    place = plan_place(agent, grasp, estimate, options) if is_placed else None
     setup = LiftSetup(
         truth.shape.mesh,
         agent.hand,
@@ -95,35 +93,32 @@ def lift_object(
         options,
         truth.X_EO,
         surroundings=truth.surroundings,
-        place=place,
     )
-    outcome = _simulated(scenario, setup, estimate, accept_grasp)
-    if is_placed and outcome.place is None:
-        why = PlaceOutcome("no_place" if outcome.held else "not_held", place)
+    if agent.station is not None:
+        arm = plan_arm_lift(agent.station, grasp, estimate, time_step=options.time_step)
+        if isinstance(arm, str):
+            return LiftOutcome.not_begun(arm, truth.X_EO)
+        setup = replace(setup, arm=arm)
+    if agent.decide.place is None or estimate is None:
+        return _simulated(scenario, setup, accept_grasp)
+    setup = replace(setup, place=plan_place(agent, grasp, estimate, options, setup.arm))
+    outcome = _simulated(scenario, setup, accept_grasp)
+    if outcome.place is None:
+        why = PlaceOutcome("no_place" if outcome.held else "not_held", setup.place)
         outcome = replace(outcome, place=why)
     return outcome
 
 
 def _simulated(
-    scenario: Scenario,
-    setup: LiftSetup,
-    estimate: trimesh.Trimesh | None,
-    accept_grasp: AcceptGrasp | None,
+    scenario: Scenario, setup: LiftSetup, accept_grasp: AcceptGrasp | None
 ) -> LiftOutcome:
-    """Simulate a lift in the simulator of the world, by the arm if there is one."""
-    agent = scenario.agent
-    if agent.station is None and scenario.task.world.simulator == "mujoco":
+    """Simulate a lift in the simulator of the world."""
+    if scenario.task.world.simulator == "mujoco":
         from lis_grasp.simulation.mujoco.lift import simulate_in_mujoco
 
         return simulate_in_mujoco(setup, accept_grasp)
     from lis_grasp.simulation.drake.lift import simulate_lift
 
-    if agent.station is not None:
-        step = setup.options.time_step
-        arm = plan_arm_lift(agent.station, setup.grasp, estimate, time_step=step)
-        if isinstance(arm, str):
-            return LiftOutcome.not_begun(arm, setup.X_WO)
-        setup = replace(setup, arm=arm)
     return simulate_lift(setup, accept_grasp)
 
 

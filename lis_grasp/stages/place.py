@@ -7,33 +7,42 @@ from dataclasses import replace
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.carrying import CarryingArm
+from lis_grasp.arms.station import Station
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.grasping.lift_path import LIFT_STEP, LiftPath
 from lis_grasp.lifting.outcome import LiftOptions
 from lis_grasp.lifting.place_plan import PlacePlan
 from lis_grasp.lifting.planned_places import Corner, PlaceSearch, stands_of
+from lis_grasp.lifting.setup import ArmLift
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.random_streams import Stream
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.typing import FloatArray
 from lis_grasp.world import Body, Surroundings
 
-CORNER = (0.5, 0.5)
-"""Place of the corner that a task adds, in the frame W of the table [m]."""
+CORNER = (0.05, 0.5)
+"""Place of the corner that a task adds, in the frame W of the table [m]: in reach of the arms."""
 # Length, thickness and height of its walls [m].
-_LENGTH, _THICKNESS, _HEIGHT = 0.3, 0.02, 0.15
+_LENGTH, _THICKNESS, _HEIGHT = 0.2, 0.02, 0.15
 _NAMES = ("wall_x", "wall_y")
 
 
 def plan_place(
-    agent: Agent, grasp: Grasp, estimate: trimesh.Trimesh, options: LiftOptions
+    agent: Agent,
+    grasp: Grasp,
+    estimate: trimesh.Trimesh,
+    options: LiftOptions,
+    arm: ArmLift | None = None,
 ) -> PlacePlan | None:
     """Return where an object is to stand that a grasp holds; None if no free place is found.
 
     Everything is planned on the estimate. On the table it is the nearest free place at least 10 cm
     aside; in a corner the place nearest to both walls that leaves room for the estimate's band and
     for the fingers. The object stands as it was seen standing before; where that leaves no place,
-    in another resting pose of the estimate, the surest first.
+    in another resting pose of the estimate, the surest first. An `arm` that lifts it must be able
+    to carry it there.
 
     Examples
     --------
@@ -43,6 +52,11 @@ def plan_place(
     >>> plan.motion[:3, 3].round(3).tolist()
     [0.1, 0.0, 0.0]
     """
+    carrying = None
+    if agent.station is not None and arm is not None:
+        carrying = _lifted(agent.station, arm, grasp, options)
+        if carrying is None:
+            return None
     search = PlaceSearch(
         agent.hand,
         grasp,
@@ -52,6 +66,7 @@ def plan_place(
         options.lift_height,
         options.standoff,
         agent.robot.body_error,
+        carrying,
     )
     corner = _corner(agent.X_WE, agent.support_height)
     is_corner, rng = agent.decide.place == "corner", Stream.PLACING.rng(agent.seed)
@@ -68,7 +83,22 @@ def with_place(scenario: Scenario) -> Scenario:
     if agent.decide.place != "corner":
         return scenario
     walls = corner_walls(agent.support_height).in_frame(agent.X_WE)
-    return replace(scenario, agent=agent.knowing(walls), truth=replace(truth, surroundings=walls))
+    agent = agent.knowing(Surroundings((*agent.surroundings, *walls)))
+    truth = replace(truth, surroundings=Surroundings((*truth.surroundings, *walls)))
+    return replace(scenario, agent=agent, truth=truth)
+
+
+def _lifted(
+    station: Station, arm: ArmLift, grasp: Grasp, options: LiftOptions
+) -> CarryingArm | None:
+    """Return the arm as it holds the object lifted; None if it cannot follow the way there."""
+    X_OH = np.asarray(grasp.X_OH)
+    rise = LiftPath.straight(options.lift_height).palms(station.hand, X_OH)
+    approach = np.repeat(X_OH[None], 1 + round(options.standoff / LIFT_STEP), axis=0)
+    away = np.linspace(-options.standoff, 0.0, len(approach))
+    approach[:, :3, 3] += away[:, None] * grasp.approach_O
+    opened = CarryingArm(station, arm.transit.positions[-1], grasp.joint_positions)
+    return opened.after(np.concatenate([approach, rise]))
 
 
 def corner_walls(height: float) -> Surroundings:

@@ -8,14 +8,14 @@ from __future__ import annotations
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import get_args
+from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
-from lis_grasp.io.contact_files import read_point_file
+from lis_grasp.io.contact_files import point_fields, read_point_file
 from lis_grasp.io.units import in_metres, require_plausible_size
 from lis_grasp.surfaces._contact_noise import filled
 from lis_grasp.surfaces.contact_checks import (
@@ -31,9 +31,16 @@ from lis_grasp.surfaces.normal_estimation import estimate_normals
 from lis_grasp.surfaces.queries import require_range
 from lis_grasp.typing import FloatArray
 
+if TYPE_CHECKING:
+    import pandas
+
+
+ContactSource: TypeAlias = "Path | str | npt.ArrayLike | pandas.DataFrame"
+"""What `load_contacts` reads: a file, an array of numbers or with names, or a table of pandas."""
+
 
 def load_contacts(
-    path: Path | str,
+    path: ContactSource,
     *,
     units: str | None = None,
     normals: NormalSide | None = None,
@@ -50,6 +57,8 @@ def load_contacts(
     path
         A contact file (`Contacts.load`), or a file of points without normals
         (`io.contact_files.read_point_file`): PLY, CSV, PCD, NPY, NPZ, OFF or a text of numbers.
+        Or such points in memory: an array of shape (N, 3), or (N, 6) with normals, or a table with
+        the names of a file's columns.
     units
         Length unit of the file, a key of `shapes.UNITS`; None for what its columns state or else
         metres.
@@ -82,14 +91,10 @@ def load_contacts(
     >>> len(load_contacts("contacts.csv", units="m"))
     6
     """
-    if not isinstance(path, (str, PathLike)):
-        raise TypeError(
-            f"load_contacts reads a file, and this is of type {type(path).__name__}: write"
-            " Contacts(points, normals), or surfaces.estimate_normals(points) without normals"
-        )
     if normals not in (None, *get_args(NormalSide)):
         raise InvalidOptionError.not_one_of("normals", normals, get_args(NormalSide))
-    fields, units = in_metres(Path(path), read_point_file(Path(path)), units)
+    path, fields = _read(path)
+    fields, units = in_metres(path, fields, units)
     approach, own_normals = fields.pop("approach"), fields.pop("normals")
     points = fields["points"]
     require_range("fingertip_radius", fingertip_radius, unit="m")
@@ -127,6 +132,24 @@ def load_contacts(
     centers, contacts = contacts.points, replace(contacts, points=np.asarray(surface))
     _require_own_side(centers, contacts, fingertip_radius)
     return contacts
+
+
+def _read(source: ContactSource) -> tuple[Path, dict[str, Any]]:
+    """Return the name of a source, and its fields as `read_point_file` does."""
+    if isinstance(source, (str, PathLike)):
+        return Path(source), read_point_file(Path(source))
+    table = source.to_records(index=False) if hasattr(source, "to_records") else source
+    kind = type(source).__name__
+    try:
+        array = np.asarray(table)
+    except ValueError:  # rows of different lengths
+        array = np.empty(0, dtype=object)
+    if array.dtype.names is None and array.dtype.kind not in "fiu":
+        raise TypeError(
+            "contacts are read from a file, an array of shape (N, 3) or (N, 6), or a table with"
+            f" columns x, y, z; this {kind} is none: write Contacts(points, normals)"
+        )
+    return Path(kind), point_fields(Path(kind), array)
 
 
 def _require_own_side(centers: FloatArray, contacts: Contacts, fingertip_radius: float) -> None:

@@ -95,13 +95,6 @@ class Task:
             yield "at", f"`at` is a place in a file of bodies, `world`; it is {at} without a file"
         if arm is not None and world.simulator != "drake":
             yield "arm", f"an arm is simulated in drake; the simulator is {world.simulator}"
-        if self.decide.place is not None and arm is not None:
-            yield "place", f"place is carried out by a free hand; leave out `arm` ({arm})"
-        if self.decide.place == "corner" and bodies is not None:
-            yield (
-                "place",
-                "place corner adds walls of its own; leave out `world`, or place on table",
-            )
 
     @classmethod
     def of(

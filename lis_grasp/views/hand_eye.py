@@ -30,8 +30,8 @@ from lis_grasp.views.object_mask import heights_above_table
 
 # Pixels of the table: at most, how near to the object [m], how far from the plane [deviations, m].
 _MOST_PIXELS, _REACH, _ON_TABLE, _LEAST = 400, 0.25, 3.0, 0.001
-# Noise of a touch where it is unknown, and the error of a seen plane next to it [m].
-_TOUCH_NOISE, _PLANE_ERROR = 0.0005, 0.0005
+# Noise of a touch where it is unknown, and least noise of anything [m] [rad].
+_TOUCH_NOISE, _LEAST_NOISE = (0.0005, 0.05), 1e-4
 # A touch is of the seen surface near it: this far in errors of the pose and [m], and this parallel.
 _FAR, _NEAR, _PARALLEL = 3.0, 0.006, 0.7
 # Positions [m] and normals that are equally far apart; contacts that are a seen plane.
@@ -85,7 +85,7 @@ class Sight(Record):
     table_noise: FloatArray  # (T,) [m] of their heights, each as if it were independent
     points: FloatArray  # (N, 3) [m] in C: seen surface
     normals: FloatArray  # (N, 3) in C
-    noise: FloatArray  # (N,) [m]
+    noise: FloatArray  # (N, 2) of positions [m] and normals [rad]
     tree: cKDTree | None  # of positions and normals
 
     @classmethod
@@ -93,7 +93,7 @@ class Sight(Record):
         """Return what a view shows of the table and of the object."""
         contacts = view.contacts_in_camera
         points, normals = contacts.points, contacts.normals
-        noise = np.zeros(0) if contacts.position_noise is None else contacts.position_noise
+        noise = _noise_of(contacts)
         tree = cKDTree(places(points, normals, _CELL, _NORMAL_CELL)) if len(points) else None
         table, table_noise = np.empty((0, 3)), np.empty(0)
         if support_height is not None and len(points):
@@ -149,21 +149,33 @@ def _matched(prior: HandEye, sight: Sight, X_WC: FloatArray, touches: Contacts) 
     count = min(_NEIGHBOURS, len(sight.points))
     asked = places(points, normals, _CELL, _NORMAL_CELL)
     near = np.reshape(sight.tree.query(asked, k=count)[1], (-1, count))
-    middle, across = sight.points[near].mean(axis=1), unit(sight.normals[near].mean(axis=1))
-    noise = np.full(len(points), _TOUCH_NOISE)
-    if touches.position_noise is not None:
-        noise = np.where(np.isnan(touches.position_noise), noise, touches.position_noise)
+    middle, seen = sight.points[near].mean(axis=1), unit(sight.normals[near].mean(axis=1))
     reach = _FAR * np.hypot(prior.position, prior.rotation * np.abs(points[:, 2])) + _NEAR
     ok = np.linalg.norm(points - middle, axis=1) < reach
-    ok &= np.einsum("nk,nk->n", across, normals) > _PARALLEL
+    ok &= np.einsum("nk,nk->n", seen, normals) > _PARALLEL
     chosen = np.flatnonzero(ok)
-    middle, across, seen = middle[ok], across[ok], sight.noise[near[ok]].mean(axis=1)
+    middle, away = middle[ok], points[ok] - middle[ok]
+    # Across the chord of a circle through both places, whatever its radius.
+    across = unit(seen[ok] + normals[ok])
+    residuals = np.einsum("nk,nk->n", across, away)
+    beside = np.linalg.norm(away - residuals[:, None] * across, axis=1)
+    noise = np.hypot(_noise_of(touches)[ok], sight.noise[near[ok]].mean(axis=1))
+    deviations = np.hypot(noise[:, 0], 0.5 * beside * noise[:, 1])
     return _Matched(
         np.hstack([cross(middle, across), across]),
-        np.einsum("nk,nk->n", across, points[ok] - middle),
-        np.sqrt(noise[ok] ** 2 + seen**2 + _PLANE_ERROR**2),
+        residuals,
+        np.maximum(deviations, _LEAST_NOISE),
         chosen,
     )
+
+
+def _noise_of(contacts: Contacts) -> FloatArray:
+    """Return the noise of contacts, or a usual one where it is unknown, (N, 2) [m], [rad]."""
+    usual = np.tile(_TOUCH_NOISE, (len(contacts), 1))
+    for column, given in enumerate((contacts.position_noise, contacts.normal_noise)):
+        if given is not None:
+            usual[:, column] = np.where(np.isnan(given), usual[:, column], given)
+    return usual
 
 
 def _doubted(
@@ -207,5 +219,5 @@ def _table_of(view: DepthView, support_height: float) -> tuple[FloatArray, Float
     # Errors of neighbouring pixels are alike: fewer are independent.
     alike = 4.0 * np.pi * view.noise.smooth_length**2
     independent = max(len(rows) / alike, 1.0)
-    noise = np.maximum(deviation[v, u], 1e-4) * np.sqrt(len(chosen) / independent)
+    noise = np.maximum(deviation[v, u], _LEAST_NOISE) * np.sqrt(len(chosen) / independent)
     return points[v, u], noise

@@ -1,7 +1,8 @@
-"""Depth images with the YAML file of their camera.
+"""Depth images and organised clouds, with the YAML file of their camera.
 
 An image is a PNG of 16 bits in millimetres, or a NumPy array in metres, of depths along the optical
-axis. The YAML file of the camera has::
+axis; a PCD file with rows and columns has points, and its viewpoint is the pose of the camera. A
+bag is read by `logs.depth_images`. The YAML file of the camera has what the image does not say::
 
     intrinsics: {fx: 615.0, fy: 615.0, cx: 319.5, cy: 239.5}   # or K: three rows of a matrix
     pose: [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0.6], [0, 0, 0, 1]]   # on the table
@@ -9,11 +10,14 @@ axis. The YAML file of the camera has::
     depth_unit: mm         # of the image: m, mm, or metres for a step of it
     mask: mask.png         # optional, beside the YAML file: not 0 where the object is
     hand_eye: {position: 0.002, rotation_degrees: 0.5}   # optional: error of the pose
+    topic: /camera/depth/image_rect_raw    # of a bag, where it has several depth images
+    frame: table           # of a bag: the pose is that of its transforms in this frame
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,22 +25,36 @@ import numpy as np
 from PIL import Image
 
 from lis_grasp.exceptions import InvalidFileError, InvalidInputError, shown
+from lis_grasp.io._point_readers import read_organised_pcd
 from lis_grasp.io.limits import ReadError, reading
 from lis_grasp.io.yaml_files import read_yaml
 from lis_grasp.typing import BoolArray, FloatArray
 from lis_grasp.views.camera import HandEye, Intrinsics
 from lis_grasp.views.depth_view import DepthView
+from lis_grasp.views.organised_clouds import depth_of_points
 
 _UNITS = {"m": 1.0, "mm": 1e-3}
-_KEYS = ("intrinsics", "K", "pose", "pixel_center", "depth_unit", "mask", "hand_eye")
+_OF_BAGS = ("topic", "frame")
+_KEYS = ("intrinsics", "K", "pose", "pixel_center", "depth_unit", "mask", "hand_eye", *_OF_BAGS)
 # Pixels of an image at most.
 _MOST_PIXELS = 50_000_000
 # Depths of a table before a robot [m]: other ones are in another unit.
 _NEAREST, _FARTHEST = 0.02, 30.0
 
 
-def load_image(image: Path | str, camera: Path | str) -> DepthView:
-    """Read a depth view from an image, .png of 16 bits or .npy, and the YAML file of its camera.
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedDepth:
+    """A depth image as recorded, and what its file says of the camera."""
+
+    path: Path
+    values: FloatArray  # (H, W), in units of the file
+    unit: float  # the usual one of the format [m]
+    intrinsics: Intrinsics | None = None
+    X_WC: FloatArray | None = None
+
+
+def load_image(image: Path | str, camera: Path | str | None = None) -> DepthView:
+    """Read a depth view from an image, .png of 16 bits, .npy or .pcd, and the file of its camera.
 
     Raises
     ------
@@ -44,17 +62,27 @@ def load_image(image: Path | str, camera: Path | str) -> DepthView:
         If a file is missing or damaged, or a value in it is wrong: `field` names it.
     """
     path = Path(image)
-    values, unit = _read_image(path)
-    return _view_of(path, values, unit, Path(camera))
+    camera = None if camera is None else Path(camera)
+    return view_of(_read_image(path), camera, camera_facts(camera))
 
 
-def _read_image(path: Path) -> tuple[FloatArray, float]:
-    """Return the numbers of an image (H, W), and the usual unit of its format [m]."""
+def _read_image(path: Path) -> RecordedDepth:
     ending = path.suffix.lower()
-    if ending not in (".png", ".npy"):
-        message = f"depth images are .png of 16 bits or .npy; {path} is {shown(ending)}"
+    if ending not in (".png", ".npy", ".pcd"):
+        message = (
+            "depth images are .png of 16 bits, .npy, organised .pcd, or bags of ROS; "
+            f"{path} is {shown(ending)}"
+        )
         raise InvalidFileError(message, path=path)
     with reading(path, "a depth image"):
+        if ending == ".pcd":
+            points, viewpoint = read_organised_pcd(path)
+            try:
+                depth, intrinsics, X_SC = depth_of_points(points)
+            except InvalidInputError as error:
+                raise ReadError(str(error)) from None
+            pose = None if viewpoint is None else viewpoint @ X_SC
+            return RecordedDepth(path, depth, 1.0, intrinsics, pose)
         if ending == ".npy":
             array = np.load(path, allow_pickle=False)
             unit = 1e-3 if array.dtype.kind in "ui" else 1.0
@@ -65,7 +93,7 @@ def _read_image(path: Path) -> tuple[FloatArray, float]:
                 raise ReadError("it has 8 bits: depth needs 16", "write the depth, not a picture")
         if array.ndim != 2 or array.dtype.kind not in "uif":
             raise ReadError(f"it must be numbers in rows and columns; its shape is {array.shape}")
-        return np.asarray(array, dtype=np.float64), unit
+        return RecordedDepth(path, np.asarray(array, dtype=np.float64), unit)
 
 
 def _pixels(path: Path) -> Any:
@@ -75,7 +103,13 @@ def _pixels(path: Path) -> Any:
         return np.array(picture)
 
 
-def _view_of(path: Path, values: FloatArray, usual: float, camera: Path) -> DepthView:
+def camera_facts(camera: Path | None) -> Mapping[str, Any]:
+    """Return the keys of a camera's file; without a file, none.
+
+    Raises `InvalidFileError` if the file is damaged, or has an unknown key.
+    """
+    if camera is None:
+        return {}
     facts = read_yaml(camera)
     if not isinstance(facts, Mapping):
         raise InvalidFileError(f"{camera} must have keys such as intrinsics", path=camera)
@@ -83,15 +117,24 @@ def _view_of(path: Path, values: FloatArray, usual: float, camera: Path) -> Dept
     if unknown:
         message = f"{camera} has the unknown key {unknown[0]}: it may have {', '.join(_KEYS)}"
         raise InvalidFileError(message, path=camera, field=unknown[0])
-    scale = _unit(camera, facts.get("depth_unit"), usual)
-    depth = scale * values
-    _require_metres(path, camera, depth, scale)
-    intrinsics = _intrinsics(camera, facts, (values.shape[0], values.shape[1]))
-    pose = _numbers(camera, "pose", facts.get("pose"), (4, 4))
-    mask = _mask(camera, facts.get("mask"), values.shape)
+    return facts
+
+
+def view_of(recorded: RecordedDepth, file: Path | None, facts: Mapping[str, Any]) -> DepthView:
+    """Return the view of a recorded image; the keys of its camera's file go before it."""
+    camera = recorded.path if file is None else file
+    scale = _unit(camera, facts.get("depth_unit"), recorded.unit)
+    depth = scale * recorded.values
+    _require_metres(recorded.path, camera, depth, scale)
+    intrinsics, X_WC, shape = recorded.intrinsics, recorded.X_WC, recorded.values.shape
+    if intrinsics is None or "K" in facts or "intrinsics" in facts:
+        intrinsics = _intrinsics(camera, facts, (shape[0], shape[1]))
+    if X_WC is None or "pose" in facts:
+        X_WC = _numbers(camera, "pose", facts.get("pose"), (4, 4))
+    mask = _mask(camera, facts.get("mask"), shape)
     try:
         hand_eye = _hand_eye(camera, facts.get("hand_eye"))
-        return DepthView(depth, intrinsics, pose, mask, hand_eye=hand_eye)
+        return DepthView(depth, intrinsics, X_WC, mask, hand_eye=hand_eye)
     except InvalidInputError as error:
         field = {"X_WC": "pose"}.get(getattr(error, "option", ""), getattr(error, "field", ""))
         raise InvalidFileError(f"{camera}: {error}", path=camera, field=field) from None

@@ -225,7 +225,7 @@ class Scene:
             grid=grid,
             story=story,
             planned=len(self.grasps),
-            picture=None if self.seen is None else depth_picture(self.seen.view),
+            picture=None if self.seen is None else depth_picture(self.seen.view, self.seen.guesses),
         )
         return build_page(self.title, canvas, overlay=overlay, content=content)
 
@@ -241,6 +241,8 @@ class Scene:
             size=self._size(),
             colour=PLAIN_ESTIMATE_COLOUR if is_known else TRUTH_COLOUR,
         ).png()
+
+    _repr_png_ = png  # where no script runs, as on a page of a code host
 
     def _repr_html_(self) -> str:
         """Return the page in a frame, which a notebook displays without a running kernel."""

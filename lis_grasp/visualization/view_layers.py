@@ -24,8 +24,8 @@ SEEN_COLOUR, GUESSED_COLOUR, UNKNOWN_COLOUR = "#1f9d55", "#c49a00", "#5c5c66"
 # Radius of a speck, and the distance from all that is known of surface that is unknown, in sizes.
 _SPECK, _UNKNOWN = 0.008, 0.12
 _MOST_UNKNOWN = 400
-# The image has every second pixel.
-_STRIDE = 2
+# Pixels about the object on its image.
+_MARGIN = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,17 +71,24 @@ def draw_seen(
         canvas.layers.append(Layer(layer, title, on, colour, note))
 
 
-def depth_picture(view: DepthView) -> bytes:
-    """Return the depth image as PNG: near is bright, the object in colours, holes are black."""
-    depth, mask = view.depth[::_STRIDE, ::_STRIDE], view.object_mask[::_STRIDE, ::_STRIDE]
+def depth_picture(view: DepthView, guesses: Contacts) -> bytes:
+    """Return the part of the depth image about the object as PNG; near is bright.
+
+    The object is in colours, what was guessed is marked, and holes have the colour of the unknown.
+    """
+    rows, columns = np.nonzero(view.object_mask)
+    low = np.maximum([rows.min() - _MARGIN, columns.min() - _MARGIN], 0)
+    part = (slice(low[0], rows.max() + _MARGIN + 1), slice(low[1], columns.max() + _MARGIN + 1))
+    depth, mask = view.depth[part], view.object_mask[part]
     known = np.isfinite(depth)
-    grey = np.where(known, _nearness(depth, known), 0.0)
-    colours = np.repeat(0.35 + 0.5 * grey[..., None], 3, axis=2)
-    colours[~known & np.isnan(depth)] = 0.0
+    colours = np.repeat(0.35 + 0.5 * _nearness(depth, known)[..., None], 3, axis=2)
     shown = mask & known
-    if shown.any():
-        colours[shown] = viridis(_nearness(depth, shown)[shown])
-    colours[mask & ~known] = srgb(UNKNOWN_COLOUR)
+    colours[shown] = viridis(_nearness(depth, shown)[shown])
+    colours[view.unknown[part]] = srgb(UNKNOWN_COLOUR)
+    u, v, _ = np.round(view.project(guesses.points)).astype(np.intp).T
+    v, u = v - low[0], u - low[1]
+    inside = (v >= 0) & (v < len(colours)) & (u >= 0) & (u < colours.shape[1])
+    colours[v[inside], u[inside]] = srgb(GUESSED_COLOUR)
     return encode_png(np.round(255.0 * np.clip(colours, 0.0, 1.0)).astype(np.uint8))
 
 
@@ -92,4 +99,5 @@ def _nearness(
     if not among.any():
         return np.zeros(depth.shape)
     low, high = np.quantile(depth[among], (0.02, 0.98))
-    return np.asarray(np.clip((high - depth) / max(high - low, 1e-6), 0.0, 1.0))
+    near = np.clip((high - depth) / max(high - low, 1e-6), 0.0, 1.0)
+    return np.where(np.isfinite(depth), near, 0.0)

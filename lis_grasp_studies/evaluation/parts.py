@@ -10,6 +10,12 @@ from typing import Any, ClassVar, Literal
 from pydantic import Field
 
 from lis_grasp.io.json_lines import Row
+from lis_grasp_studies.benchmark.tracks import (
+    HandsTrack,
+    LiftsTrack,
+    PoliciesTrack,
+    SurfacesTrack,
+)
 from lis_grasp_studies.contact_study.contact_sets import CASES
 from lis_grasp_studies.contact_study.lies import DRAWS, EXPERIMENT, HARD, LieTrial, lie_tables
 from lis_grasp_studies.contact_study.report import family_chart
@@ -247,7 +253,11 @@ class ExplorationPart(SeedsPart):
 
 
 AnyPart = (
-    GraspsPart
+    SurfacesTrack
+    | LiftsTrack
+    | PoliciesTrack
+    | HandsTrack
+    | GraspsPart
     | PaperPart
     | SurfacesPart
     | LiesPart

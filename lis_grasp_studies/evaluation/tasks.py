@@ -23,15 +23,12 @@ from functools import lru_cache
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-import trimesh
 from pydantic import Field
 
-from lis_grasp import Contacts, Hand, pipeline
+from lis_grasp import Contacts, Hand
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.io.json_lines import Row
 from lis_grasp.shapes import Shape
-from lis_grasp.stages.estimate import Perception, SurfaceEstimate
-from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.evaluation.part import Places, SeedsPart
 from lis_grasp_studies.evaluation.task_geometry import (
@@ -43,6 +40,13 @@ from lis_grasp_studies.evaluation.task_geometry import (
     suction,
     surface_excess,
     wall_errors,
+)
+from lis_grasp_studies.evaluation.touched_shapes import (
+    COUNTS,
+    HULL,
+    TRUTH,
+    estimated_mesh,
+    touched,
 )
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.statistics import (
@@ -62,10 +66,6 @@ from lis_grasp_studies.harness.tables import (
 )
 from lis_grasp_studies.test_objects.salted import salted_shape
 
-HULL, TRUTH = "hull", "truth"
-COUNTS = (20, 40)
-_HAND = "allegro"
-_NOISE = {"position_noise": 0.0005, "normal_noise": float(np.radians(3.0))}
 _GRIPPER = "cup"  # whose suction cup is pressed on
 _PLACES = 400  # of cups, on each surface
 _YAWS = 8
@@ -85,20 +85,30 @@ class TaskTrial:
 def measure_tasks(trial: TaskTrial, estimator: str) -> list[Row]:
     """Return a row for each number of contacts."""
     shape, contacts = _explored(trial)
+    return task_rows(shape, contacts, estimator, seed=trial.seed, number=trial.number)
+
+
+def task_rows(
+    shape: Shape, contacts: Contacts, estimator: str, *, seed: int, number: int
+) -> list[Row]:
+    """Return a row for each of `COUNTS` of the contacts of a shape, the first ones first.
+
+    The seed and the number of the shape decide on places of cups and yaws of walls.
+    """
     cup, edges = Hand.load(_GRIPPER).pads[0].cup, _along(shape.edges)
     assert cup is not None
-    truth = Surface(shape.mesh, _PLACES, cup, trial.seed)
+    truth = Surface(shape.mesh, _PLACES, cup, seed)
     rows = []
     for count in COUNTS:
         row: Row = {"object": shape.name, "count": count, "family": shape.name.split("-")[0]}
         try:
-            mesh = _estimate(estimator, shape, contacts[:count])
+            mesh = estimated_mesh(estimator, shape, contacts[:count])
         except LisGraspError as error:
             rows.append(row | {"failure": str(error), "slot": FAILED, "wall": FAILED})
             continue
-        said = Surface(mesh, _PLACES, cup, trial.seed)
+        said = Surface(mesh, _PLACES, cup, seed)
         slots = [slot_clearance(mesh, shape.mesh, axis) for axis in (2, 0, 1)]
-        yaws = np.random.default_rng([trial.seed, trial.number]).uniform(0.0, 2.0 * np.pi, _YAWS)
+        yaws = np.random.default_rng([seed, number]).uniform(0.0, 2.0 * np.pi, _YAWS)
         walls = np.abs(wall_errors(mesh, shape.mesh, np.array([0.0, *yaws]))).max(axis=1)
         row |= {"slot": slots[0], "slot_x": slots[1], "slot_y": slots[2]}
         row |= {"wall": float(walls[0]), "wall_turned": float(np.quantile(walls[1:], 0.8))}
@@ -111,28 +121,7 @@ def measure_tasks(trial: TaskTrial, estimator: str) -> list[Row]:
 def _explored(trial: TaskTrial) -> tuple[Shape, Contacts]:
     """Return the object, and the contacts of its exploration."""
     shape = salted_shape(trial.salt, trial.number)
-    entropy = [trial.seed, *shape.name.encode()]
-    task = Task.of(
-        hand=_HAND,
-        prober="kinematic",
-        known=True,
-        touches=max(COUNTS),
-        seed=int(np.random.SeedSequence(entropy).generate_state(1)[0]),
-        **_NOISE,
-    )
-    scenario = pipeline.Scenario.from_config(task, shape, Hand.load(_HAND))
-    return shape, pipeline.touch(scenario).contacts
-
-
-def _estimate(estimator: str, shape: Shape, contacts: Contacts) -> trimesh.Trimesh:
-    """Return the mesh of an estimator, of the hull, or the true one."""
-    if estimator == TRUTH:
-        return shape.mesh
-    if estimator == HULL:
-        return trimesh.convex.convex_hull(contacts.points)
-    task = Task.of(estimator=estimator, known=True, **_NOISE)
-    settings = Perception.of(task.robot, task.decide, None)
-    return SurfaceEstimate(contacts, settings).mesh
+    return shape, touched(shape, trial.seed)
 
 
 def _along(edges: FloatArray, step: float = 1e-3) -> FloatArray:

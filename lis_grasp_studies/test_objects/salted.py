@@ -1,4 +1,4 @@
-"""Objects with flat faces that nobody saw before: made from a salt, of six families."""
+"""Objects that nobody saw before: made from a salt, of six families."""
 
 from __future__ import annotations
 
@@ -12,24 +12,42 @@ import numpy as np
 from lis_grasp.geometry import unit
 from lis_grasp.shapes import Shape, sharp_edges
 from lis_grasp.typing import FloatArray
-from lis_grasp_studies.test_objects.solid_modelling import Solid, block, extrude, mesh_of, outline
+from lis_grasp_studies.test_objects.solid_modelling import (
+    Solid,
+    block,
+    extrude,
+    mesh_of,
+    outline,
+    revolve,
+    star,
+    superquadric,
+)
 
 SIZES = (0.06, 0.1)
 """Least and largest extent of the longest side [m]: a hand can hold all of them."""
 
+_BLOB_SEGMENTS = 48  # about the axis of a blob
 
-def salted_shape(salt: str, number: int) -> Shape:
+
+def salted_shape(
+    salt: str,
+    number: int,
+    families: Mapping[str, Callable[[np.random.Generator], Solid]] | None = None,
+) -> Shape:
     """Return one object of a salt: its family is that of its number, the rest is random.
+
+    The families are `FAMILIES` by default.
 
     Examples
     --------
     >>> salted_shape("pepper", 0).name, salted_shape("pepper", 0).mesh.is_watertight
     ('prism-0', True)
     """
-    family = tuple(FAMILIES)[number % len(FAMILIES)]
+    families = FAMILIES if families is None else families
+    family = tuple(families)[number % len(families)]
     digest = hashlib.sha256(f"{salt}/{number}".encode()).digest()
     rng = np.random.default_rng(list(digest))
-    mesh = mesh_of(FAMILIES[family](rng))
+    mesh = mesh_of(families[family](rng))
     mesh.apply_scale(rng.uniform(*SIZES) / float(mesh.extents.max()))
     mesh.apply_translation(-mesh.bounds.mean(axis=0))
     return Shape(f"{family}-{number}", mesh, sharp_edges(mesh))
@@ -82,6 +100,25 @@ def _rock(rng: np.random.Generator) -> Solid:
     return manifold3d.Manifold.hull_points(directions * rng.uniform(0.55, 1.0, 3))
 
 
+def _turned(rng: np.random.Generator) -> Solid:
+    """Return two to four conical pieces on one axis, with rims between them."""
+    count = int(rng.integers(3, 6))
+    radii = rng.uniform(0.35, 1.0, count)
+    heights = np.cumsum(rng.uniform(0.3, 1.0, count))
+    rims = np.column_stack([radii, heights])
+    return revolve(np.vstack([[0.0, heights[0]], rims, [0.0, heights[-1]]]))
+
+
+def _blob(rng: np.random.Generator) -> Solid:
+    """Return a smooth body: an ellipsoid with a few waves on it."""
+    ways, heights = unit(rng.normal(size=(4, 3))), rng.uniform(-0.25, 0.25, 4)
+    shape = superquadric(rng.uniform(0.6, 1.0, 3), 2.0)
+    return star(
+        lambda d: shape(d) * (1.0 + (heights * np.cos(2.5 * (d @ ways.T))).sum(axis=1)),
+        segments=_BLOB_SEGMENTS,
+    )
+
+
 FAMILIES: Mapping[str, Callable[[np.random.Generator], Solid]] = MappingProxyType(
     {
         "prism": _prism,
@@ -93,3 +130,12 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator], Solid]] = MappingProxyTyp
     }
 )
 """How each family's solids are made, at any scale."""
+
+MIXED_FAMILIES: Mapping[str, Callable[[np.random.Generator], Solid]] = MappingProxyType(
+    {
+        **{name: FAMILIES[name] for name in ("prism", "bracket", "notched", "rock")},
+        "turned": _turned,
+        "blob": _blob,
+    }
+)
+"""Four families with flat faces, one with rims between curved faces, and one without edges."""

@@ -45,6 +45,7 @@ def _obstacles() -> ObstacleModel:
     return ObstacleModel(space, nothing, None)
 
 
+@pytest.mark.by_default("side1", "side2")
 @pytest.mark.parametrize("side", [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1]])
 def test_probes_of_every_side_are_within_the_arms_reach(station: Station, side: list) -> None:
     normal = np.array(side, float)

@@ -270,6 +270,7 @@ def test_stages_run_alone_repeat_the_run_byte_for_byte(
         assert lifts[0]["slip"] == report["lift"]["slip"]
 
 
+@pytest.mark.slow
 def test_sensor_noise_is_recorded_and_given_to_the_estimator(tmp_path: Path) -> None:
     options = ["--known", "--hand", "wsg50", "--prober", "kinematic", "--touches", "12"]
     options += ["--position-noise", "0.002"]

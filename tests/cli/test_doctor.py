@@ -6,16 +6,17 @@ from pathlib import Path
 import pytest
 import yaml
 
+from lis_grasp.cli import doctor
 from lis_grasp.cli.main import main
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_check import check_hand
+from lis_grasp.robots.hand_check import hand_findings
 from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
 
 
 @pytest.mark.parametrize("name", HAND_NAMES)
 def test_shipped_hands_are_healthy(name: str) -> None:
-    faults = [finding.text for finding in check_hand(Hand.load(name)) if not finding.fine]
+    faults = [finding.text for finding in hand_findings(Hand.load(name)) if not finding.fine]
     assert not faults
 
 
@@ -202,3 +203,19 @@ def test_the_hand_of_the_guide_touches_and_grasps(guide_hand: str, tmp_path: Pat
     assert main(["estimate", f"{out}/contacts.ply"]) == 0
     assert main(["grasp", f"{out}/surface.ply", "--hand", guide_hand, "--grasps", "2"]) == 0
     assert GraspSearch.load(Path(out) / "grasps.json").grasps
+
+
+@pytest.mark.parametrize(
+    ("program", "said"),
+    [
+        ("import os; os.kill(os.getpid(), 11)", "signal 11"),
+        ("raise RuntimeError('no EGL here')", "no EGL here"),
+    ],
+)
+def test_a_machine_without_a_renderer_is_fit(
+    program: str, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "_RENDERING", program)
+    finding = doctor._rendering()
+    assert finding.fine
+    assert said in finding.text

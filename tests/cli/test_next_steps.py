@@ -80,6 +80,7 @@ def test_a_run_and_a_lift_advise_to_look_at_their_folder(
     assert _commands(advice) == [["view", str(folder)]]
 
 
+@pytest.mark.slow
 def test_a_surface_of_an_unknown_object_is_to_be_looked_at(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -94,6 +95,7 @@ def test_a_surface_of_an_unknown_object_is_to_be_looked_at(
     assert _commands(part) == [["view", "none found"]]
 
 
+@pytest.mark.slow
 def test_a_hand_is_to_be_looked_at_and_checked(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,8 +6,10 @@ import sys
 import numpy as np
 import pytest
 import trimesh
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.sensors import CameraInfo, ImageDepth32F, ImageLabel16I
+from pydrake.perception import DepthImageToPointCloud, PointCloud
+from pydrake.systems.sensors import CameraInfo, ImageDepth32F, ImageLabel16I, PixelType
 
 from lis_grasp.drake import DepthViewer
 from lis_grasp.exceptions import InvalidViewError
@@ -100,6 +102,27 @@ def test_the_contacts_of_a_drake_image_are_on_the_object() -> None:
     outside = np.abs(view.contacts.points - [0.0, 0.0, 0.025]) - [0.05, 0.03, 0.025]
     assert len(view.contacts) > 200
     assert np.median(np.abs(outside.max(axis=1))) < 1e-5
+
+
+def test_the_cloud_of_an_image_is_the_same_view() -> None:
+    depth, _ = _drake_depth()
+    converter = DepthImageToPointCloud(_info(), PixelType.kDepth32F)
+    context = converter.CreateDefaultContext()
+    converter.depth_image_input_port().FixValue(context, _image(ImageDepth32F, depth))
+    cloud = converter.point_cloud_output_port().Eval(context)
+    viewer = DepthViewer(_info())
+    context = viewer.CreateDefaultContext()
+    viewer.point_cloud.FixValue(context, AbstractValue.Make(cloud))
+    viewer.camera_pose.FixValue(context, RigidTransform(X_WC))
+    view, same = viewer.view.Eval(context), _view(viewer, depth)
+    known = np.isfinite(same.depth)
+    assert np.abs(view.depth - same.depth)[known].max() < 1e-6
+    assert np.array_equal(view.object_mask, same.object_mask)
+    few = PointCloud(10)
+    viewer.point_cloud.FixValue(context, AbstractValue.Make(few))
+    with pytest.raises(InvalidViewError) as caught:
+        viewer.view.Eval(context)
+    assert caught.value.field == "points"
 
 
 def test_labels_are_the_mask() -> None:

@@ -79,6 +79,7 @@ def _hits(surroundings: Surroundings, duration: float) -> tuple[int, int]:
     return hits, count
 
 
+@pytest.mark.slow
 def test_an_explorer_keeps_off_known_bodies_and_else_hits_them() -> None:
     in_W = WALLS.in_frame(inverse_pose(X_WE.GetAsMatrix4()))
     hits, count = _hits(in_W, 30.0)
@@ -106,6 +107,7 @@ def test_a_transit_leads_over_a_wall_and_not_into_a_body() -> None:
     assert transit(X, Y, points, SPACE, beside(around)) is None
 
 
+@pytest.mark.slow
 def test_a_free_hand_goes_into_a_shelf_and_out_of_it() -> None:
     shelf = worlds.shelf()
     planner = ProbePlanner(WSG50, known=shelf)

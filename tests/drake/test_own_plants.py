@@ -118,6 +118,7 @@ def felt_in_slot(
     return felt, [w.message for w in caught if isinstance(w.message, InexactContactWarning)]
 
 
+@pytest.mark.by_default("0.0--undefined-points", "0.002--undefined-points", "0.0--compliant-hull")
 @pytest.mark.parametrize(
     ("properties", "default", "method"),
     [(COMPLIANT, "undefined", "hull"), ("", "compliant", "hull"), ("", "undefined", "points")],
@@ -291,6 +292,7 @@ def on_box(time_step: float, scheme: str = "") -> Any:
     return sensor.contacts.Eval(sensor.GetMyContextFromRoot(simulator.get_context()))
 
 
+@pytest.mark.by_default("cenic")
 @pytest.mark.parametrize("scheme", ["runge_kutta3", "cenic"])
 def test_a_touch_in_a_continuous_plant_is_that_of_a_discrete_one(scheme: str) -> None:
     felt, expected = on_box(0.0, scheme), on_box(STEP)
@@ -376,6 +378,7 @@ def test_the_wrist_is_critically_damped_at_every_time_step(time_step: float) -> 
         assert 0.45 - height(plant, hand, simulator) == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.by_default("wsg50")
 @pytest.mark.parametrize(
     "hand",
     [pytest.param(n, marks=pytest.mark.slow if n == "allegro" else ()) for n in HAND_NAMES],
@@ -551,6 +554,7 @@ def test_bodies_frames_and_instances_are_felt_by_index_or_name() -> None:
         assert refused.value.option == option
 
 
+@pytest.mark.by_default("3", "x")
 @pytest.mark.parametrize("value", ["x", 3, np.zeros(3), [], RigidTransform(), object()])
 def test_an_option_of_another_kind_is_refused_and_not_passed_to_drake(value: Any) -> None:
     _, plant, _ = plant_of()

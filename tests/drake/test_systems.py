@@ -204,6 +204,7 @@ def test_a_grasp_is_a_cost_and_a_pose_and_infinite_without_a_mesh() -> None:
         assert planner.plan.Eval(context) is search
 
 
+@pytest.mark.slow
 def test_meshcat_shows_contacts_estimate_and_grasps_drawn_once_from_its_thread() -> None:
     meshcat = Meshcat()
     estimator = SurfaceEstimator("gpis", meshcat=meshcat, path="own/estimate", replay=True)
@@ -235,6 +236,7 @@ def test_meshcat_shows_contacts_estimate_and_grasps_drawn_once_from_its_thread()
     assert drawn == [True] * count + [False] * (3 - count)
 
 
+@pytest.mark.by_default("wsg50")
 @pytest.mark.parametrize("name", HAND_NAMES)
 def test_the_packages_own_hand_from_a_parser_is_the_one_that_is_added(name: str) -> None:
     plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.002)

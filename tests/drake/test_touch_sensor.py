@@ -100,6 +100,7 @@ _MESHES = {"box": BOX, "torus": TORUS, "tube": TUBE}
 _DEFAULT = {("allegro", "box"), ("wsg50", "torus"), ("barrett", "tube")}
 
 
+@pytest.mark.by_default("wsg50-torus")
 @pytest.mark.parametrize(
     ("hand", "mesh"),
     [

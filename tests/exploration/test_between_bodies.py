@@ -217,6 +217,7 @@ def _explored(
 
 
 # Shares of blocked probes that the exploration promises; seeds and hands differ by chance.
+@pytest.mark.by_default("bin")
 @pytest.mark.parametrize(
     ("world", "share"),
     [
@@ -239,6 +240,7 @@ def test_few_probes_are_blocked_beside_known_bodies(
     assert (distances > 0.0).all()  # no contact of a body is on the map
 
 
+@pytest.mark.slow
 def test_a_closed_box_ends_the_exploration_and_names_a_body() -> None:
     exploration = _explored(worlds.closed_box())
     assert len(exploration.contacts) == 0

@@ -379,6 +379,7 @@ def test_forty_touches_cover_nine_tenths_of_every_object(estimator: str, name: s
     assert sum(outcome.status == "missed" for outcome in exploration.outcomes) < 40
 
 
+@pytest.mark.by_default("gpis-hollow_cylinder")
 @every_shape(("gpis", "hollow_cylinder"), ("lis", "box"))
 def test_the_first_touches_are_about_a_step_apart(estimator: str, name: str) -> None:
     # Every object has room for more than twenty touches a step apart.
@@ -386,6 +387,7 @@ def test_the_first_touches_are_about_a_step_apart(estimator: str, name: str) -> 
     assert 0.5 < exploration.contacts.spacing / (STEP_FRACTION * shape.size) < 1.1
 
 
+@pytest.mark.slow
 def test_the_bore_of_a_tube_is_touched_from_within() -> None:
     shape, exploration = explored("hollow_cylinder", estimator="gpis", touches=40)
     points, normals = exploration.contacts.points, exploration.contacts.normals
@@ -395,6 +397,7 @@ def test_the_bore_of_a_tube_is_touched_from_within() -> None:
     np.testing.assert_allclose(radius, 0.225 * shape.size, rtol=1e-3)
 
 
+@pytest.mark.by_default("gpis")
 @pytest.mark.parametrize("estimator", ["gpis", "lis"])
 def test_a_seed_decides_the_touches(estimator: str) -> None:
     runs = [

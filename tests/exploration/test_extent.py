@@ -166,6 +166,7 @@ def test_a_sweep_beyond_the_end_of_a_long_object_opens_it_again_where_it_touches
     assert probe_after([*outcomes, free, ProbeOutcome(other, "missed")]) is None
 
 
+@pytest.mark.slow
 def test_a_stop_rule_waits_for_the_ends_and_the_reason_names_them() -> None:
     bar = trimesh.creation.box((0.24, 0.03, 0.03)).apply_translation([0.0, 0.0, 0.015])
     perception = TactilePerception(ESTIMATORS["gpis"])

@@ -202,6 +202,7 @@ def explored(name: str, policy: str) -> tuple[trimesh.Trimesh, Exploration]:
     return shape.mesh, exploration
 
 
+@pytest.mark.slow
 def test_spread_covers_more_than_random_with_as_many_touches() -> None:
     covered = {}
     for policy in ("spread", "random"):

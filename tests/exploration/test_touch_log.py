@@ -90,6 +90,7 @@ def undisturbed() -> Exploration:
     return explored(None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stop_after", [pytest.param(1, marks=pytest.mark.slow), 9])
 def test_a_resumed_exploration_equals_one_without_interruption(
     stop_after: int, undisturbed: Exploration, tmp_path: Path

@@ -30,6 +30,7 @@ _KINDS: dict[str, tuple[_Check, int]] = {
 }
 
 
+@pytest.mark.by_default("meshes", "contacts")
 @pytest.mark.parametrize(
     "kind", [pytest.param(k, marks=pytest.mark.slow if k == "hands" else ()) for k in _KINDS]
 )

@@ -37,7 +37,7 @@ def _grasps(seed: int, count: int, contacts: int) -> tuple[np.ndarray, np.ndarra
     ],
     ids=lambda model: model.contact_model,
 )
-@pytest.mark.parametrize("contacts", [3, 4, 7])
+@pytest.mark.parametrize("contacts", [3, 4, pytest.param(7, marks=pytest.mark.slow)])
 def test_expanding_polytopes_agree_with_convex_hulls(contacts: int, model: WrenchModel) -> None:
     points, normals = _grasps(contacts, 15, contacts)
     together = epsilon_by_expanding_polytope(points, normals, model)

@@ -94,6 +94,7 @@ def stages(grasp: Grasp, options: LiftOptions) -> Iterator[tuple[np.ndarray, ...
         yield X, grasp.joint_positions, X @ np.linalg.inv(X_OH)
 
 
+@pytest.mark.by_default("wall")
 @pytest.mark.parametrize("surroundings", [wall(0.005), board(0.08)], ids=["wall", "board"])
 def test_neither_hand_nor_carried_object_meets_a_body(surroundings: Surroundings) -> None:
     search = plan(surroundings)
@@ -105,6 +106,7 @@ def test_neither_hand_nor_carried_object_meets_a_body(surroundings: Surroundings
             assert not oracle.meets()
 
 
+@pytest.mark.slow
 def test_every_grasp_whose_carried_object_would_hit_a_board_is_rejected() -> None:
     above = board(0.08)
     straight = plan(above, lifts=(LiftPath.straight(LIFT),))
@@ -123,6 +125,7 @@ def test_the_object_in_the_hand_is_rejected_for_a_reason_of_its_own() -> None:
     assert "wall" in no_grasp_sentence(search.rejections, search.hit_bodies)
 
 
+@pytest.mark.slow
 def test_a_margin_keeps_the_hand_that_far_off() -> None:
     margin = 0.004
     beside = wall(0.02)
@@ -132,6 +135,7 @@ def test_a_margin_keeps_the_hand_that_far_off() -> None:
         assert oracle.distance() >= margin
 
 
+@pytest.mark.slow
 def test_plans_without_bodies_do_not_depend_on_lifts() -> None:
     alone, usual = plan(ALONE), ForceClosureSampler(HAND, candidates=CANDIDATES)
     assert alone == usual.sample(BOX, support_height=TABLE, count=2)
@@ -154,6 +158,7 @@ def test_a_lift_ends_at_the_extremes_of_its_shakes() -> None:
     assert np.abs(shaken).max() == pytest.approx(np.abs(ways).max(), abs=2e-6)
 
 
+@pytest.mark.slow
 def test_a_search_remembers_the_bodies_in_its_way(tmp_path) -> None:
     search = plan(wall(0.005), lifts=(lift_path(OPTIONS),))
     search.save(tmp_path / "grasps.json")

@@ -122,6 +122,7 @@ def test_octahedral_grasp_has_its_closed_form_epsilon() -> None:
         assert epsilon == pytest.approx(friction / np.sqrt(3.0), rel=1e-9)
 
 
+@pytest.mark.by_default("1")
 @pytest.mark.parametrize("seed", range(4))
 def test_epsilon_is_the_least_extent_by_linear_programmes(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -433,6 +433,7 @@ def test_contacts_stay_off_edges_and_on_the_object(name: str) -> None:
     assert cKDTree(edge).query(points)[0].min() > 0.5e-3
 
 
+@pytest.mark.slow
 def test_pads_may_press_on_straight_convex_edges() -> None:
     box = trimesh.creation.box((0.06, 0.06, 0.10))
     plain, more = (

@@ -55,7 +55,7 @@ _CHAIN = "a0: &a0 {x: 1}\n" + "".join(
         _MERGED + "b: {<<: [" + "*a, " * 2000 + "]}",
         _CHAIN,
         _CHAIN.replace("{<<: [", "[").replace("]}", "]").replace("{x: 1}", "[x]"),
-        "a: 1" + ":59" * 400_000,
+        pytest.param("a: 1" + ":59" * 400_000, marks=pytest.mark.slow),
         pytest.param("a: [" + "1, " * 200_000 + "]", marks=pytest.mark.slow),
         "[" * 5000,
         "#" * (2 * 2**20 + 1),

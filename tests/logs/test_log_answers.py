@@ -66,8 +66,8 @@ def test_arrays_of_ur_and_franka_are_poses_and_forces_in_the_base_frame(
         (("A", "B", "C"), "xyz", "rpy", True),  # Mitsubishi
         (("W", "P", "R"), "xyz", None, True),  # Fanuc
         (("rot_x", "rot_y", "rot_z"), "XYZ", "XYZ", False),
-        (("alpha", "beta", "gamma"), "ZYX", "ZYX", False),
-        (("ori_1", "ori_2", "ori_3"), "xyz", "rpy", False),
+        pytest.param(("alpha", "beta", "gamma"), "ZYX", "ZYX", False, marks=pytest.mark.slow),
+        pytest.param(("ori_1", "ori_2", "ori_3"), "xyz", "rpy", False, marks=pytest.mark.slow),
         (("s", "u", "v"), "xyz", "rpy", False),  # nothing but their numbers says it
     ],
 )
@@ -161,6 +161,7 @@ def test_a_quaternion_whose_names_contradict_the_data_is_said(
         contacts_from_log(open_log(path), [Finger()], OBJECT, TOUCH)
 
 
+@pytest.mark.slow
 def test_a_wrong_orientation_scatters_the_places_of_an_offset_tip(tmp_path: Path) -> None:
     """Forces in the base frame do not tell orientations from each other; the places do."""
     offset = np.array([0.0, 0.0, 0.12])

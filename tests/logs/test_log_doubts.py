@@ -253,6 +253,7 @@ def _with_joints(
     return contacts_from_log(log, [Finger(tip="tip")], frames, TOUCH)[0]
 
 
+@pytest.mark.slow
 def test_joints_of_two_publishers_on_one_topic_are_one_robot(
     recording: Recording, tmp_path: Path
 ) -> None:
@@ -266,6 +267,7 @@ def test_joints_of_two_publishers_on_one_topic_are_one_robot(
         assert_true(_with_joints(recording, folder, **bag), recording, position=3e-4)
 
 
+@pytest.mark.slow
 def test_commands_beside_states_are_asked_for(recording: Recording, tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     _, joints = robot_of(recording, tmp_path)
@@ -280,6 +282,7 @@ def test_commands_beside_states_are_asked_for(recording: Recording, tmp_path: Pa
             assert_true(_with_joints(recording, folder, reading, others=others), recording)
 
 
+@pytest.mark.slow
 def test_a_publisher_of_zeros_is_left_out_and_two_that_differ_are_refused(
     recording: Recording, tmp_path: Path
 ) -> None:
@@ -320,6 +323,7 @@ def test_a_joint_of_few_states_is_named_with_its_position_or_its_gaps(
         contacts_from_log(with_link_frames(log, urdf), [Finger(tip="tip")], frames, TOUCH)
 
 
+@pytest.mark.slow
 def test_joints_in_degrees_are_beyond_their_limits(recording: Recording, tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     _, joints = robot_of(recording, tmp_path)
@@ -332,6 +336,7 @@ def test_joints_in_degrees_are_beyond_their_limits(recording: Recording, tmp_pat
     assert_true(contacts, recording)
 
 
+@pytest.mark.by_default("False")
 @pytest.mark.parametrize("with_tf", [False, True])
 def test_stamps_of_a_bag_that_repeat_are_asked_for(
     with_tf: bool, recording: Recording, tmp_path: Path

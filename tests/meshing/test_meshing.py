@@ -72,6 +72,7 @@ def test_a_cube_along_the_grid_is_exact() -> None:
     assert distances.max() < 1e-9
 
 
+@pytest.mark.by_default("0", "1", "2")
 @pytest.mark.parametrize("seed", range(8))
 def test_a_turned_cube_keeps_its_edges(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -146,6 +147,7 @@ def test_a_half_space_is_closed_by_the_bounds() -> None:
     np.testing.assert_allclose(mesh.vertex_attributes["uncertainty"], depths, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_side_that_nothing_touched_is_as_uncertain_as_it_is_wrong() -> None:
     half = np.array([0.05, 0.03, 0.04])
     whole = trimesh.creation.box(2.0 * half)
@@ -297,6 +299,7 @@ def test_a_resolution_that_is_no_cell_size_is_refused(resolution: float) -> None
     assert error.value.option == "resolution"
 
 
+@pytest.mark.by_default("0.02-lis", "0.02-patch", "0.0092-patch")
 @pytest.mark.parametrize("name", ["lis", "patch"])
 @pytest.mark.parametrize("cell", [0.008, 0.0092, 0.02])
 def test_a_cube_from_contacts_has_its_edges_on_any_grid(name: str, cell: float) -> None:

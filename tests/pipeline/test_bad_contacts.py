@@ -35,6 +35,7 @@ def touches(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_an_estimate_names_bad_contacts_and_grasps_repeat_it(touches: Path) -> None:
     said = Told()
     made = estimate_file([ContactSource(touches)], touches.parent / "out", progress=said)
@@ -82,6 +83,7 @@ def test_all_contacts_are_believed_on_request(touches: Path) -> None:
     assert "left_out" not in read_facts(made.path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("copies", [pytest.param(1, marks=pytest.mark.slow), 4])
 def test_few_places_are_warned_of_by_grasps_too(tmp_path: Path, copies: int) -> None:
     axes = np.vstack([np.eye(3), -np.eye(3)] * copies)

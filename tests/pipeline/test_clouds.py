@@ -172,6 +172,7 @@ def test_a_cloud_of_other_content_starts_from_the_beginning(
     assert "starting from the beginning: cloud.ply was edited" in capsys.readouterr().out
 
 
+@pytest.mark.by_default("stable")
 @pytest.mark.parametrize("pose", ["stable", "upright"])
 def test_a_cloud_may_be_of_an_object_at_a_place_that_only_its_region_bounds(
     upper_half: Path, tmp_path: Path, pose: str

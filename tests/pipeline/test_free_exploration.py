@@ -82,6 +82,7 @@ def test_an_ended_exploration_is_not_continued(
     np.testing.assert_array_equal(again.contacts.points, first.contacts.points)
 
 
+@pytest.mark.slow
 def test_an_ended_exploration_keeps_the_space_beyond_its_ends(tmp_path: Path) -> None:
     config = pipeline.RunConfig(**{**UNKNOWN, "free": False}, prober="kinematic", touches=8)
     first, again = (

@@ -30,6 +30,7 @@ def known(hand: Hand, space: Workspace | Region) -> pipeline.Known:
     return Agent.of(pipeline.RunConfig(), 0.0, hand=hand).placed(space)
 
 
+@pytest.mark.by_default("wsg50")
 @pytest.mark.parametrize("name", ["allegro", "wsg50"])
 def test_the_hand_is_at_the_start_of_the_probe(name: str, explored: Exploration) -> None:
     hand, contacts = Hand.load(name), explored.contacts
@@ -77,6 +78,7 @@ def test_what_was_before_a_loss_does_not_count(explored: Exploration) -> None:
     assert again.facts(hand) == found.facts(hand)
 
 
+@pytest.mark.slow
 def test_without_contacts_the_size_is_needed() -> None:
     at_one_place = Contacts([[0.0, 0.0, 0.1]], [[0.0, 0.0, 1.0]])
     for known_contacts in (Contacts.empty(), at_one_place):
@@ -156,6 +158,7 @@ def test_in_a_region_the_first_touch_is_a_search(tmp_path: Path) -> None:
     assert "no contacts" in written["why"]
 
 
+@pytest.mark.slow
 def test_the_command_uses_the_region_and_the_table_that_a_file_records(
     explored: Exploration, tmp_path: Path
 ) -> None:
@@ -179,6 +182,7 @@ def test_the_command_uses_the_region_and_the_table_that_a_file_records(
     assert written(placed, "--support", str(low)) == table
 
 
+@pytest.mark.slow
 def test_without_a_table_the_hand_stays_above_the_lowest_contact(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

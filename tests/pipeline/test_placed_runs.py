@@ -18,6 +18,7 @@ from lis_grasp.results.preparing import prepared
 from lis_grasp.results.progress import SILENT
 from lis_grasp.stages.place import CORNER, with_place
 from lis_grasp.task.task import Task
+from lis_grasp.world import Body, Surroundings
 
 OPTIONS = {"hand": "wsg50", "prober": "kinematic", "touches": 12}
 
@@ -50,6 +51,14 @@ def test_a_corner_adds_two_walls_that_the_robot_knows_and_a_table_none() -> None
     assert with_place(table) is table
 
 
+def test_a_corner_in_a_world_stands_beside_its_bodies() -> None:
+    crate = Body.box("crate", (0.1, 0.1, 0.1), (0.3, 0.0, 0.05))
+    task = Task.of("box", place="corner", world=Surroundings((crate,)))
+    corner = with_place(pipeline.Scenario.from_config(task))
+    for known in (corner.truth.surroundings, corner.agent.surroundings):
+        assert [body.name for body in known] == ["crate", "wall_x", "wall_y"]
+
+
 def test_a_corner_where_the_object_is_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "there.stl"
     trimesh.creation.box((0.05, 0.07, 0.1)).apply_translation((*CORNER, 0.05)).export(path)
@@ -75,6 +84,26 @@ def test_a_run_says_where_it_placed_the_object(tmp_path: Path, place: str) -> No
     assert run.motion is not None
     ends = run.motion.poses["object"]
     assert np.linalg.norm(ends[-1][:2, 3] - ends[0][:2, 3]) > 0.05
+
+
+@pytest.mark.slow
+def test_an_arm_places_an_object_in_a_corner(tmp_path: Path) -> None:
+    task = Task.of("box", place="corner", arm="iiwa14", **OPTIONS)
+    run = pipeline.run(task, tmp_path)
+    assert run.report is not None
+    assert run.report["place"]["reason"] == "placed"
+    assert run.report["lift"]["arm"]["contacts"] == {}
+
+
+@pytest.mark.slow
+def test_the_grasps_of_a_file_are_placed(tmp_path: Path) -> None:
+    pipeline.run(Task.of("box", **OPTIONS), tmp_path)
+    made = pipeline.lift_file(tmp_path / "grasps.json", place="table")
+    assert made.lifts[0]["place"]["placed"]
+    (tmp_path / "surface.ply").unlink()
+    with pytest.raises(InvalidOptionError) as refused:
+        pipeline.lift_file(tmp_path / "grasps.json", place="table")
+    assert refused.value.option == "place"
 
 
 @pytest.mark.slow

@@ -65,6 +65,7 @@ def full_folder(estimated: Path, tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_stage_removes_the_files_made_from_the_one_it_replaces(
     full_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -189,6 +190,7 @@ def test_view_shows_a_folder_that_cannot_be_written_to(
     assert not directory.exists()
 
 
+@pytest.mark.slow
 def test_a_log_of_another_source_is_not_resumed(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -12,6 +12,7 @@ from lis_grasp.cli.main import build_parser, main
 from lis_grasp.cli.options import configure_touch
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration import Exploration
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.results.estimated_file import estimate_file
@@ -38,10 +39,21 @@ def explored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_view_gives_the_place_so_that_nothing_is_searched() -> None:
-    scenario = Scenario.from_config(TASK)
+@pytest.fixture(scope="module")
+def seen() -> Scenario:
+    return Scenario.from_config(TASK)
+
+
+@pytest.fixture(scope="module")
+def touched(seen: Scenario) -> Exploration:
+    return touch(seen)
+
+
+def test_a_view_gives_the_place_so_that_nothing_is_searched(
+    seen: Scenario, touched: Exploration
+) -> None:
+    scenario, exploration = seen, touched
     assert scenario.agent.views is not None
-    exploration = touch(scenario)
     truth = scenario.truth.shape.mesh
     assert exploration.made == 3
     assert exploration.outcomes[0].probe.target @ [0, 0, 1] > 0.0
@@ -62,13 +74,16 @@ def test_an_exploration_that_was_killed_ends_with_the_same_bytes(
         assert (tmp_path / name).read_bytes() == (explored / name).read_bytes()
 
 
-def test_only_touches_are_saved_as_contacts_and_the_view_beside_them(explored: Path) -> None:
-    assert len(Contacts.load(explored / "contacts.ply")) == 3
+def test_only_touches_are_saved_as_contacts_and_the_view_beside_them(
+    explored: Path, seen: Scenario, touched: Exploration
+) -> None:
+    assert Contacts.load(explored / "contacts.ply").points == pytest.approx(touched.contacts.points)
     view = load_view(explored / VIEW)
-    (kept,) = Scenario.from_config(TASK).agent.seen_by
+    (kept,) = seen.agent.seen_by
     assert view == kept
 
 
+@pytest.mark.slow
 def test_the_estimate_of_saved_contacts_is_that_of_the_robot(explored: Path) -> None:
     made = estimate_file([ContactSource(explored / "contacts.ply")])
     agent = Scenario.from_config(TASK).agent
@@ -76,8 +91,8 @@ def test_the_estimate_of_saved_contacts_is_that_of_the_robot(explored: Path) -> 
     np.testing.assert_array_equal(load_surface(made.path).vertices, own.vertices)
 
 
-def test_a_view_without_any_touch_is_an_estimate() -> None:
-    scenario = Scenario.from_config(TASK)
+def test_a_view_without_any_touch_is_an_estimate(seen: Scenario) -> None:
+    scenario = seen
     surface = estimate(Contacts.empty(), "gpis", views=scenario.agent.seen_by, support_height=0.0)
     made = SurfaceEstimate(Contacts.empty(), scenario.agent.perception)
     off, _ = distances_to_mesh(made.mesh.vertices, scenario.truth.shape.mesh)
@@ -104,18 +119,19 @@ def test_a_displaced_view_makes_no_touch_a_stray_and_is_dropped() -> None:
     assert not len(perception.find_strays(touches))
 
 
-def test_knowledge_of_a_view_depends_on_the_touches_alone() -> None:
-    scenario = Scenario.from_config(TASK)
-    touches = touch(scenario).contacts
+@pytest.mark.slow
+def test_knowledge_of_a_view_depends_on_the_touches_alone(touched: Exploration) -> None:
+    touches = touched.contacts
     first, second = (Scenario.from_config(TASK).agent.perception.prior for _ in range(2))
     first.given(touches[:1])
     assert first.given(touches).seen == second.given(touches).seen
     assert first.given(touches).guesses == second.given(touches).guesses
 
 
-def test_a_view_of_an_object_that_was_lost_is_no_longer_used() -> None:
-    scenario = Scenario.from_config(TASK)
-    exploration = touch(scenario)
+def test_a_view_of_an_object_that_was_lost_is_no_longer_used(
+    seen: Scenario, touched: Exploration
+) -> None:
+    scenario, exploration = seen, touched
     last = exploration.observations[-1]
     belief = replace(PoseBelief.start(), trust="lost")
     lost = replace(

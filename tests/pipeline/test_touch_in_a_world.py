@@ -49,6 +49,7 @@ def facts_of(scenario: Scenario) -> dict[str, object]:
     return facts["world"]["touch"] if facts else {}
 
 
+@pytest.mark.slow
 def test_an_interrupted_exploration_resumes_with_the_same_bytes_and_reports(
     task: Task, tmp_path: Path
 ) -> None:

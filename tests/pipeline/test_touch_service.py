@@ -40,6 +40,7 @@ def _feel(touch: dict[str, Any]) -> dict[str, Any]:
     return {"points": points.tolist(), "normals": BOX.face_normals[faces].tolist()}
 
 
+@pytest.mark.slow
 def test_each_touch_is_that_of_the_command_with_the_log(tmp_path: Path) -> None:
     service, hand = _service(tmp_path), Hand.load("wsg50")
     touch = service.answer({})
@@ -132,6 +133,7 @@ def test_a_wrong_request_changes_nothing(tmp_path: Path, request_: dict[str, Any
     assert service.answer({}) == touch
 
 
+@pytest.mark.by_default("points-place0", "free_points-place0", "points-place1")
 @pytest.mark.parametrize("place", [PLACE, ObjectPlace(region=(0.4, 0.4, 0.3))])
 @pytest.mark.parametrize("key", ["points", "free_points"])
 def test_points_in_millimetres_are_refused_before_the_log(

@@ -159,6 +159,7 @@ def test_the_touch_service_cannot_reach_the_true_object(explored: Explored, tmp_
     assert_without_truth(given, explored.scenario.truth, explored.poses)
 
 
+@pytest.mark.slow
 def test_touches_after_a_grasp_cannot_reach_the_true_object(
     explored: Explored, monkeypatch: pytest.MonkeyPatch
 ) -> None:

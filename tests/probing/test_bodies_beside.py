@@ -51,6 +51,7 @@ def test_a_free_hand_comes_from_above_all_bodies_without_a_collision(
     assert lowest > bodies.mesh.bounds[1, 2]
 
 
+@pytest.mark.slow
 def test_there_is_no_way_into_a_closed_box(hand: Hand) -> None:
     found = ApproachPlanner(hand, beside=BodiesBeside(hand, worlds.closed_box())).find(LEVEL, SPACE)
     assert isinstance(found, str)

@@ -22,6 +22,7 @@ def plate() -> trimesh.Trimesh:
     return trimesh.creation.box(extents=[0.6, 0.6, 0.1]).apply_translation([0.0, 0.0, -0.05])
 
 
+@pytest.mark.slow
 def test_several_fingers_touch_a_slope_once_each(plate: trimesh.Trimesh) -> None:
     # The fingers beside the leading one are behind it: they touch a slope towards them.
     hand = Hand.load("allegro")

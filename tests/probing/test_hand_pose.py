@@ -38,6 +38,7 @@ def prober_of(kind: str, hand: Hand, mesh: trimesh.Trimesh) -> Prober:
             return DynamicProber(hand, mesh, free=FreeObject(-0.5 * SIZE, mass=0.3))
 
 
+@pytest.mark.by_default("kinematic, one finger-barrett", "dynamic, held object-barrett")
 @pytest.mark.parametrize("name", [pytest.param("allegro", marks=pytest.mark.slow), "barrett"])
 @pytest.mark.parametrize(
     "kind",

@@ -143,6 +143,7 @@ def prior_knowledge(shape: Shape) -> ObstacleModel:
     return ObstacleModel(space, Contacts.empty(), None)
 
 
+@pytest.mark.by_default("True-wsg50")
 @pytest.mark.parametrize("hand", OTHERS_SLOW, indirect=True)
 @pytest.mark.parametrize("from_outside", [False, True])
 def test_the_whole_hand_is_collision_free_up_to_the_touch(hand: Hand, from_outside: bool) -> None:

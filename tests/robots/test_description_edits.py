@@ -111,6 +111,7 @@ def test_the_inertia_of_a_much_larger_or_distant_body_is_impossible(
     assert is_possible(own, np.empty((0, 3)))  # nothing is known without bodies
 
 
+@pytest.mark.by_default("size")
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -112,6 +112,7 @@ def test_a_finger_with_nothing_opposite_is_refused_in_words(tmp_path: Path) -> N
     assert error.value.file == "one_jaw.urdf"
 
 
+@pytest.mark.slow
 def test_no_link_is_in_the_object_a_little_off_the_contacts(hand: Hand) -> None:
     box = shapes.find("box", size=0.06)
     search = plan(box, hand, grasps=3)

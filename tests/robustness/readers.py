@@ -59,7 +59,7 @@ from lis_grasp.robots._build_model import build_model
 from lis_grasp.robots._description import DescriptionEdits, parse_description
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_check import check_hand
+from lis_grasp.robots.hand_check import hand_findings
 from lis_grasp.robots.kinematics import link_kinematics
 from lis_grasp.robots.link_bodies import load_link_mesh
 from lis_grasp.robots.shipped_models import model_path
@@ -398,7 +398,7 @@ def check_hand_file(path: Path) -> None:
     for geometry in hand.link_geometries:
         assert np.isfinite(geometry.mesh.vertices).all()
         assert all(size > 0.0 for size in geometry.dimensions)
-    assert all(finding.text.strip() for finding in check_hand(hand))
+    assert all(finding.text.strip() for finding in hand_findings(hand))
 
 
 def _check_points(path: Path) -> None:

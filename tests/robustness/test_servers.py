@@ -201,6 +201,7 @@ def test_a_page_has_no_other_file_and_no_other_host(page: Connect, number: int) 
     assert _is_shown(page)
 
 
+@pytest.mark.slow
 def test_a_page_outlasts_clients_that_vanish_or_wait(page: Connect) -> None:
     with ExitStack() as waiting:
         for _ in range(100):

@@ -349,6 +349,7 @@ def test_groups_of_overlapping_boxes_are_those_of_all_pairs() -> None:
     assert {tuple(sorted(group)) for group in overlapping_groups(low, high)} == expected
 
 
+@pytest.mark.by_default("0", "1")
 @pytest.mark.parametrize("seed", range(6))
 def test_meshes_with_missing_and_turned_faces_are_closed_and_outward(
     tmp_path: Path, seed: int

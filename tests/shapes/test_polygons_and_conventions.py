@@ -255,6 +255,7 @@ def test_gltf_is_in_metres_with_y_up_and_options_must_agree(tmp_path: Path) -> N
     assert error.value.option == "up"
 
 
+@pytest.mark.by_default("None-0.001", "inch-0.0254")
 @pytest.mark.parametrize(
     ("unit", "metres"), [("millimeter", 1e-3), ("inch", 0.0254), ("micron", 1e-6), (None, 1e-3)]
 )

@@ -43,6 +43,7 @@ def test_winding_numbers_are_sums_of_solid_angles() -> None:
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
+@pytest.mark.by_default("box", "pentagon")
 @pytest.mark.parametrize("name", ["box", "mallet", "hollow_cylinder", "pentagon"])
 def test_counting_faces_above_agrees_with_the_winding_number(name: str) -> None:
     mesh = shapes.build(name).mesh

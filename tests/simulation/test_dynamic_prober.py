@@ -98,6 +98,7 @@ def test_a_perpendicular_touch_is_at_the_target() -> None:
     assert outcome.duration == pytest.approx(0.03 / 0.1 + 0.03 / 0.25, abs=0.01)
 
 
+@pytest.mark.by_default("wsg50")
 def test_a_ring_is_entered_and_its_inner_side_touched(hand: Hand) -> None:
     ring = trimesh.creation.torus(
         major_radius=0.055, minor_radius=0.015, major_sections=96, minor_sections=48
@@ -181,6 +182,7 @@ def test_a_tip_across_a_groove_touches_both_of_its_rims() -> None:
     assert np.all(np.abs(offsets) > 0.0017)
 
 
+@pytest.mark.by_default("wsg50")
 def test_the_path_of_a_miss_is_free_space(ball_prober: DynamicProber, hand: Hand) -> None:
     radius = next(iter(hand.probe_postures.values())).radius
     direction = np.array([1.0, 0.0, 0.0])
@@ -212,6 +214,7 @@ def test_a_start_partly_or_wholly_inside_the_object_is_blocked(
         assert len(outcome.contacts) == 0
 
 
+@pytest.mark.by_default("wsg50")
 def test_skipping_free_flight_changes_nothing(
     hand: Hand, coarse_ball: trimesh.Trimesh, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -230,6 +233,7 @@ def test_skipping_free_flight_changes_nothing(
         np.testing.assert_allclose(whole.contacts.forces, expected.contacts.forces, atol=1.0)
 
 
+@pytest.mark.by_default("wsg50")
 def test_an_outcome_does_not_depend_on_earlier_probes(
     hand: Hand, coarse_ball: trimesh.Trimesh
 ) -> None:

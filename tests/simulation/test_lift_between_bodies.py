@@ -56,6 +56,7 @@ def wall(gap: float) -> Surroundings:
     return Surroundings((Body.box("wall", (0.02, 0.6, 0.15), (x, 0.0, TABLE + 0.075)),))
 
 
+@pytest.mark.by_default("wall-mujoco")
 @pytest.mark.parametrize("name", SIMULATORS)
 @pytest.mark.parametrize("bodies", [wall(0.005), NEAR], ids=["wall", "free boxes"])
 def test_a_planned_lift_is_held_without_a_force_on_bodies(bodies: Surroundings, name: str) -> None:
@@ -68,6 +69,7 @@ def test_a_planned_lift_is_held_without_a_force_on_bodies(bodies: Surroundings, 
         assert len(outcome.motion.poses[beside_body(body.name)]) == len(outcome.motion)
 
 
+@pytest.mark.by_default("free boxes-drake", "free boxes-mujoco")
 @pytest.mark.parametrize("name", SIMULATORS)
 @pytest.mark.parametrize("bodies", [wall(0.005), NEAR], ids=["wall", "free boxes"])
 def test_a_lift_that_ignores_bodies_stops_at_them_and_is_not_held(
@@ -109,6 +111,7 @@ def test_a_hand_with_a_tactile_check_retreats_from_a_body_that_it_hit() -> None:
     assert np.linalg.norm(palm[:3, 3] - back) < planned.options.largest_push
 
 
+@pytest.mark.slow
 def test_a_far_body_changes_no_outcome() -> None:
     far = Surroundings((Body.box("far", (0.1, 0.1, 0.1), (0.6, 0.6, TABLE + 0.05)),))
     alone, beside = (simulate_lift(setup(bodies, known=ALONE)) for bodies in (ALONE, far))

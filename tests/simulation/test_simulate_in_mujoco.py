@@ -86,6 +86,7 @@ def test_a_lift_repeats_exactly() -> None:
     assert (first.measured_contacts.points == second.measured_contacts.points).all()
 
 
+@pytest.mark.slow
 def test_an_object_far_from_its_frame_is_lifted_alike() -> None:
     far = np.array([0.4, -0.3, 0.2])
     shape = Shape.from_mesh(BOX.mesh.copy().apply_translation(far), "far")

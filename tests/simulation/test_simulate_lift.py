@@ -147,6 +147,7 @@ def test_a_parallel_jaw_gripper_holds_rods_thinner_than_its_pads(wsg50: Hand, co
     assert outcome.slip < 0.005
 
 
+@pytest.mark.slow
 def test_a_grasp_beside_the_object_makes_no_contact_and_moves_in_its_frame(allegro: Hand) -> None:
     grasp = moved(box_grasp(allegro), np.array([0.0, 0.25, 0.0]))
     outcome = lift_box(allegro, grasp)
@@ -409,6 +410,7 @@ def test_lifts_do_not_depend_on_the_number_of_processes(wsg50: Hand) -> None:
         np.testing.assert_array_equal(first.X_WO, second.X_WO)
 
 
+@pytest.mark.slow
 def test_closed_fingers_measure_the_true_surface(allegro: Hand) -> None:
     checked: list[Contacts] = []
 
@@ -475,6 +477,7 @@ def test_a_hand_with_a_tactile_check_stops_at_an_unexpected_contact(allegro: Han
     assert np.linalg.norm(outcome.X_WO[:3, 3]) < 5e-3
 
 
+@pytest.mark.slow
 def test_an_object_at_another_pose_is_touched_there(wsg50: Hand) -> None:
     X_WO = np.eye(4)
     X_WO[0, 3] = 0.004

@@ -203,12 +203,13 @@ def test_a_world_of_a_table_alone_is_empty_and_says_so(bench: Path) -> None:
         ("- add_nothing: {}\n", InvalidFileError),
         ("- add_directives: {file: 'package://elsewhere/a.dmd.yaml'}\n", InvalidFileError),
         ("- [", InvalidFileError),
-        (
+        pytest.param(
             "".join(
                 f"- add_model: {{name: a{k}, file: 'package://bench/wall.sdf'}}\n"
                 for k in range(51)
             ),
             InvalidOptionError,
+            marks=pytest.mark.slow,
         ),
     ],
 )

@@ -48,6 +48,7 @@ def weights_by_definition(surface: BlendedImplicitSurface, points: np.ndarray) -
     return np.array(weights)
 
 
+@pytest.mark.slow
 def test_a_torus_is_as_good_as_its_smooth_estimate() -> None:
     contacts = touched_shape("torus")
     points = shapes.build("torus", 0.2).mesh.vertices[::20]
@@ -58,6 +59,7 @@ def test_a_torus_is_as_good_as_its_smooth_estimate() -> None:
     assert errors[0] < 1.1 * errors[1]
 
 
+@pytest.mark.by_default("box", "cylinder")
 @pytest.mark.parametrize("name", ["box", "pentagon", "cylinder"])
 def test_edges_stay_those_of_the_sharp_estimate(name: str) -> None:
     surface = BlendedImplicitSurface.from_contacts(touched_shape(name))

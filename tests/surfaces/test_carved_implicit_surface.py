@@ -278,6 +278,7 @@ def test_carving_removes_no_point_of_the_object() -> None:
         assert not (changed & true).any(), name
 
 
+@pytest.mark.by_default(".csv")
 @pytest.mark.parametrize("suffix", [".ply", ".csv"])
 def test_the_command_line_carves_the_free_space_of_a_contact_file(
     tmp_path: Path, suffix: str

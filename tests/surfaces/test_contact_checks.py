@@ -150,6 +150,7 @@ def test_noise_as_large_as_the_object_is_refused(bottle: Path) -> None:
     estimate(contacts[:2], "gpis", position_noise=0.5)  # two touches may be nearer than noise
 
 
+@pytest.mark.slow
 def test_a_search_without_a_grasp_ends_with_code_1(
     bottle: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -247,6 +247,7 @@ def test_estimate_prints_the_size(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "--units mm" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_estimate_prints_how_much_of_the_surface_no_contact_is_near(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -355,7 +356,7 @@ def test_rows_without_a_contact_are_left_out_and_counted(
     np.testing.assert_allclose(contacts.points, np.delete(_ROWS, [2, 7], axis=0)[:, :3])
 
 
-@pytest.mark.parametrize("border", [0.0, 0.02, 0.06])
+@pytest.mark.parametrize("border", [0.0, pytest.param(0.02, marks=pytest.mark.slow), 0.06])
 @pytest.mark.parametrize("normals", ["none", "up", "down"])
 def test_a_table_round_the_object_is_noted_and_a_foot_of_it_is_not(
     border: float, normals: str, tmp_path: Path, recwarn: pytest.WarningsRecorder

@@ -102,6 +102,7 @@ def test_an_exact_repetition_is_one_measurement_with_the_least_noise() -> None:
     assert distinct.position_noise is None
 
 
+@pytest.mark.by_default("True-lis", "True-gpis", "True-smooth", "True-patch", "True-blend")
 @pytest.mark.parametrize("estimate", ESTIMATORS.values(), ids=ESTIMATORS)
 @pytest.mark.parametrize("known", [True, False])
 def test_repeating_contacts_changes_nothing(estimate: Estimator, known: bool) -> None:

@@ -71,6 +71,7 @@ def test_a_box_with_flipped_normals_has_its_true_size(rows: list[int]) -> None:
     assert np.abs(extents(replace(wrong, judged=True)) - [60.0, 50.0, 40.0]).max() > 1.0
 
 
+@pytest.mark.by_default("mesh3-60-0.2-size3")
 @pytest.mark.parametrize(
     ("mesh", "count", "fraction", "size"),
     [
@@ -134,6 +135,7 @@ def test_signs_that_one_flat_side_does_not_show_are_not_guessed() -> None:
         orient_normals(Contacts(points, normals))
 
 
+@pytest.mark.by_default("plate-case0", "socket-case2", "stairs-case4")
 @pytest.mark.parametrize(
     ("shape", "case"),
     [

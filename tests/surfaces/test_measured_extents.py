@@ -150,6 +150,7 @@ def test_a_contact_that_the_estimate_contradicts_has_no_plane() -> None:
     assert_allclose(extents.points, [[0.0, 0.0, HALF]])
 
 
+@pytest.mark.by_default("gpis", "blend")
 @pytest.mark.parametrize("estimator", ["blend", "gpis", "lis", "smooth"])
 def test_an_estimate_ends_where_touches_measured_that_it_does(estimator: str) -> None:
     """Forty noisy touches of a box: no surface is farther out than noise explains."""

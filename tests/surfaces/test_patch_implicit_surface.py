@@ -82,6 +82,7 @@ def test_a_sphere_is_one_patch_and_exact() -> None:
     assert (surface.evaluate(0.0495 * directions) < 0).all()
 
 
+@pytest.mark.by_default("0")
 @pytest.mark.parametrize("seed", range(4))
 def test_a_box_has_exact_edges_and_corners(seed: int) -> None:
     # Opposite faces may be one patch: a quadric describes two parallel planes.
@@ -99,6 +100,7 @@ def test_a_box_has_exact_edges_and_corners(seed: int) -> None:
         assert np.median(np.abs(surface.evaluate(edge))) < 1e-6
 
 
+@pytest.mark.by_default("1")
 @pytest.mark.parametrize("seed", range(4))
 def test_a_cylinder_is_three_patches_with_a_sharp_rim(seed: int) -> None:
     surface = PatchImplicitSurface.from_contacts(touched_cylinder(0.05, 0.06, 0.035, seed))
@@ -225,6 +227,7 @@ def test_given_noise_is_averaged_out(seed: int) -> None:
     assert np.sqrt(np.mean(surface.evaluate(plane) ** 2)) < 0.5 * 0.003
 
 
+@pytest.mark.by_default("box", "cylinder")
 @pytest.mark.parametrize("name", ["box", "cylinder", "half_cylinder", "pentagon"])
 def test_edges_are_found_better_than_by_planes(name: str) -> None:
     shape = shapes.build(name, 0.2)

@@ -47,6 +47,7 @@ def test_false_touches_are_where_the_hand_was() -> None:
     assert np.all(apart < 0.3)
 
 
+@pytest.mark.slow
 def test_a_switch_reports_contacts_against_the_probe_with_the_noise_of_such_normals() -> None:
     how = {"known": True, "prober": "kinematic", "touches": 10, "hand": "wsg50"}
     explored, measured = (lg.explore("sphere", reports=r, **how) for r in ("touch", "normals"))

@@ -34,6 +34,7 @@ def test_no_noise_puts_contacts_on_a_box(seed: int) -> None:
     assert np.median(np.abs(outside.max(axis=1))) < 1e-6
 
 
+@pytest.mark.by_default("0")
 @pytest.mark.parametrize("seed", range(3))
 def test_space_that_is_seen_to_be_free_is_outside_of_the_object(seed: int) -> None:
     view = _view(BOX, seed, DepthCamera())
@@ -68,6 +69,7 @@ def test_a_view_in_another_frame_has_the_contacts_of_that_frame() -> None:
     assert np.abs(moved.normals - there.normals).max() < 1e-12
 
 
+@pytest.mark.by_default("2", "3")
 @pytest.mark.parametrize("seed", range(4))
 def test_the_mask_is_found_above_the_table(seed: int) -> None:
     view = _view(BOX, seed, DepthCamera(hand_eye=HandEye(0.002, np.deg2rad(0.5))))

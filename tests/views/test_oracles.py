@@ -86,6 +86,7 @@ def test_contacts_of_an_exact_box_are_on_its_faces(seed: int) -> None:
     assert angles[within].max() < 0.5
 
 
+@pytest.mark.by_default("0.5")
 @pytest.mark.parametrize("distance", [0.3, 0.5, 1.0])
 def test_the_noise_of_a_plane_grows_with_the_square_of_its_depth(distance: float) -> None:
     noise = DepthNoise(step=0.0, mixed=0.0)
@@ -110,6 +111,7 @@ def test_the_noise_is_correlated_as_stated() -> None:
         assert correlation == pytest.approx(np.exp(-(lag**2) / 4.0), abs=0.02)
 
 
+@pytest.mark.by_default("box")
 @pytest.mark.parametrize("name", OBJECTS)
 def test_the_stated_noise_covers_the_errors_after_thinning(name: str) -> None:
     """Within 2.2 deviations is 97 % of a Gaussian; edges are no Gaussian."""
@@ -121,6 +123,7 @@ def test_the_stated_noise_covers_the_errors_after_thinning(name: str) -> None:
     assert np.mean(covered) >= 0.95
 
 
+@pytest.mark.by_default("box")
 @pytest.mark.parametrize("name", OBJECTS)
 def test_no_free_space_is_inside_of_the_object(name: str) -> None:
     mesh = OBJECTS[name]
@@ -240,6 +243,7 @@ def test_the_correction_depends_on_the_poses_as_given_only() -> None:
     assert once.contacts(100) == twice.contacts(100)
 
 
+@pytest.mark.by_default("0")
 @pytest.mark.parametrize("seed", range(4))
 def test_a_displaced_cloud_is_dropped(seed: int) -> None:
     hand_eye = HandEye(0.002, np.deg2rad(0.5))

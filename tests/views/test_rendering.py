@@ -26,6 +26,7 @@ def _cast(mesh: trimesh.Trimesh, X_WC: np.ndarray) -> np.ndarray:
     return np.where(hit, t, np.inf).min(axis=1).reshape(SHAPE)
 
 
+@pytest.mark.by_default("0")
 @pytest.mark.parametrize("seed", range(4))
 def test_the_depth_is_that_of_rays_cast_one_by_one(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -1,6 +1,6 @@
 """Files of depth views: images with a camera's YAML, archives, and mistakes in them."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any
 
@@ -8,14 +8,31 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
+from camera_recording import write_camera_bag
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from lis_grasp import Contacts
 from lis_grasp.cli.main import main
-from lis_grasp.exceptions import InvalidFileError, NothingSeenError
+from lis_grasp.exceptions import (
+    InvalidFileError,
+    InvalidInputError,
+    InvalidViewError,
+    NothingSeenError,
+)
+from lis_grasp.logs.depth_images import load_bag_view
 from lis_grasp.results.seen import see
-from lis_grasp.views import DepthView, draw_camera_pose, load_view, save_view, simulate_view
+from lis_grasp.views import (
+    DepthCamera,
+    DepthView,
+    Intrinsics,
+    draw_camera_pose,
+    load_view,
+    save_view,
+    simulate_view,
+)
 from lis_grasp.views.image_files import load_image
+from lis_grasp.views.organised_clouds import depth_of_points
 
 BOX = trimesh.creation.box([0.1, 0.06, 0.05]).apply_translation([0.0, 0.0, 0.025])
 K = {"fx": 385.0, "fy": 385.0, "cx": 319.5, "cy": 239.5}
@@ -135,3 +152,91 @@ def test_an_object_without_any_depth_is_named(view: DepthView, tmp_path: Path) -
     with pytest.raises(NothingSeenError):
         see(replace(view, depth=holes), 0.0, tmp_path / "seen")
     assert not (tmp_path / "seen").exists()
+
+
+def _write_pcd(path: Path, view: DepthView, data: str, viewpoint: str = "") -> Path:
+    """Write the view as an organised cloud in the frame of its camera."""
+    height, width = view.depth.shape
+    points = view.depth[..., None] * view.intrinsics.rays(view.depth.shape)
+    points[~np.isfinite(view.depth)] = np.nan
+    rows = points.reshape(-1, 3).astype("<f4")
+    body = rows.tobytes()
+    if data == "ascii":
+        body = "\n".join(" ".join(f"{x:.9g}" for x in row) for row in rows).encode()
+    elif data == "binary_compressed":
+        plain = rows.T.tobytes()  # field by field; literal runs of LZF
+        runs = (plain[at : at + 32] for at in range(0, len(plain), 32))
+        packed = b"".join(bytes([len(run) - 1]) + run for run in runs)
+        body = np.array([len(packed), len(plain)], "<u4").tobytes() + packed
+    head = (
+        f"VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {width}\n"
+        f"HEIGHT {height}\n{viewpoint}POINTS {width * height}\nDATA {data}\n"
+    )
+    path.write_bytes(head.encode() + body)
+    return path
+
+
+@pytest.fixture(scope="module")
+def small() -> DepthView:
+    camera = DepthCamera(Intrinsics(90.0, 88.0, 79.0, 61.0), (120, 160))
+    X_WC = draw_camera_pose([0.0, 0.0, 0.03], rng=np.random.default_rng(1))
+    return simulate_view([BOX], X_WC, camera, rng=np.random.default_rng(1))
+
+
+@pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
+def test_an_organised_cloud_has_its_camera(data: str, small: DepthView, tmp_path: Path) -> None:
+    x, y, z, w = Rotation.from_matrix(small.X_WC[:3, :3]).as_quat()
+    seven = " ".join(map(str, (*small.X_WC[:3, 3], w, x, y, z)))
+    read = load_image(_write_pcd(tmp_path / "a.pcd", small, data, f"VIEWPOINT {seven}\n"))
+    known = np.isfinite(small.depth)
+    assert np.array_equal(np.isfinite(read.depth), known)
+    assert np.abs(read.depth - small.depth)[known].max() < 1e-6  # single precision
+    assert np.allclose(read.X_WC, small.X_WC, atol=1e-12)
+    found, true = (astuple(each.intrinsics) for each in (read, small))
+    assert np.abs(np.subtract(found, true)).max() < 1e-3
+
+
+def test_a_cloud_without_a_viewpoint_needs_the_pose(small: DepthView, tmp_path: Path) -> None:
+    cloud = _write_pcd(tmp_path / "a.pcd", small, "binary", "VIEWPOINT 0 0 0 1 0 0 0\n")
+    with pytest.raises(InvalidFileError) as caught:
+        load_image(cloud)
+    assert caught.value.field == "pose"
+    (tmp_path / "camera.yaml").write_text(yaml.safe_dump({"pose": small.X_WC.tolist()}))
+    assert np.array_equal(load_image(cloud, tmp_path / "camera.yaml").X_WC, small.X_WC)
+
+
+def test_points_that_are_not_of_a_camera_are_refused(small: DepthView) -> None:
+    points = small.depth[..., None] * small.intrinsics.rays(small.depth.shape)
+    turned = points * [1.0, -1.0, -1.0]  # z backward, as in OpenGL
+    depth, _, X_SC = depth_of_points(turned)
+    assert np.array_equal(np.isfinite(depth), np.isfinite(small.depth))
+    assert np.allclose(X_SC[:3, :3] @ [0.0, 0.0, 1.0], [0.0, 0.0, -1.0])
+    for wrong in (points @ small.X_WC[:3, :3].T + small.X_WC[:3, 3], -points, points[0]):
+        with pytest.raises(InvalidViewError) as caught:
+            depth_of_points(wrong)
+        assert caught.value.field == "points"
+
+
+@pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
+def test_a_bag_has_the_depth_the_camera_and_its_pose(
+    encoding: str, small: DepthView, tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags")
+    bag = write_camera_bag(tmp_path / "bag", small, encoding)
+    (tmp_path / "camera.yaml").write_text("frame: table\nhand_eye: [0.002, 0.5]\n")
+    read = load_bag_view(bag, tmp_path / "camera.yaml")
+    known = np.isfinite(small.depth)
+    step = 0.5e-3 if encoding == "16UC1" else 1e-6  # half a millimetre, or single precision
+    assert np.abs(read.depth - small.depth)[known].max() <= step + 1e-9
+    assert np.array_equal(np.isfinite(read.depth), known)
+    assert read.intrinsics == small.intrinsics
+    assert np.allclose(read.X_WC, small.X_WC, atol=1e-12)
+    assert read.hand_eye.position == 0.002
+
+
+def test_a_bag_without_depth_is_refused(small: DepthView, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    bag = write_camera_bag(tmp_path / "bag", small, "rgb8")
+    (tmp_path / "camera.yaml").write_text("frame: table\n")
+    with pytest.raises(InvalidInputError):
+        load_bag_view(bag, tmp_path / "camera.yaml")

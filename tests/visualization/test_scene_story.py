@@ -209,6 +209,7 @@ def test_touches_of_other_contacts_and_of_a_damaged_log_are_not_drawn(folder: Pa
     assert not scene_of(folder).touches
 
 
+@pytest.mark.slow
 def test_growth_of_another_estimator_is_not_drawn(folder: Path) -> None:
     assert main(["estimate", str(folder / "contacts.ply"), "--estimator", "lis"]) == 0
     assert scene_counts(folder) == []

@@ -13,7 +13,12 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.task.task import Task
 from lis_grasp.visualization import Scene
-from lis_grasp.visualization.view_layers import SeenSurface, depth_picture
+from lis_grasp.visualization.view_layers import (
+    GUESSED_COLOUR,
+    UNKNOWN_COLOUR,
+    SeenSurface,
+    depth_picture,
+)
 
 
 @pytest.fixture(scope="module")
@@ -35,14 +40,24 @@ def test_a_page_distinguishes_what_was_seen_guessed_and_is_unknown(scenario: Sce
     assert "Depth image" not in blind
 
 
-def test_the_picture_has_the_object_in_colours_and_holes_in_black(scenario: Scenario) -> None:
+def test_the_picture_has_the_object_in_colours_and_marks_guesses(scenario: Scenario) -> None:
     (view,) = scenario.agent.seen_by
+    rows, columns = np.nonzero(view.object_mask)
+    corner = rows.min() - 40, columns.min() - 40  # of the picture in the image
     depth = view.depth.copy()
-    depth[:20, :20] = np.nan
-    pixels = np.array(Image.open(io.BytesIO(depth_picture(replace(view, depth=depth)))))
-    mask = (view.object_mask & np.isfinite(depth))[::2, ::2]
+    depth[corner[0] : corner[0] + 10, corner[1] : corner[1] + 10] = np.nan
+    view = replace(view, depth=depth)
+    place = view.project(view.contacts.points[:1])[0, :2]
+    drawn = depth_picture(view, view.contacts.subset(slice(0, 1)))
+    pixels = np.array(Image.open(io.BytesIO(drawn)))
+    assert pixels.shape == (np.ptp(rows) + 81, np.ptp(columns) + 81, 3)
+    part = tuple(slice(low, low + n) for low, n in zip(corner, pixels.shape, strict=False))
+    mask = view.object_mask[part]
     coloured = np.ptp(pixels.astype(int), axis=2) > 10
-    assert pixels.shape == (240, 320, 3)
     assert coloured[mask].mean() > 0.9
-    assert not coloured[~view.object_mask[::2, ::2]].any()
-    assert not pixels[:10, :10].any()
+    assert not coloured[~mask & np.isfinite(depth[part])].any()
+    hole, grey = "#{:02x}{:02x}{:02x}".format(*tuple(pixels[5, 5])), pixels[5, 60]
+    assert hole == UNKNOWN_COLOUR
+    assert np.ptp(grey) == 0
+    column, row = np.round(place).astype(int) - corner[::-1]
+    assert "#{:02x}{:02x}{:02x}".format(*tuple(pixels[row, column])) == GUESSED_COLOUR

@@ -10,7 +10,7 @@ class NearestPlane:
     def __init__(self, contacts, *, position_noise=0.0, normal_noise=0.0):
         self._contacts, self._tree = contacts, cKDTree(contacts.points)
         self._noise = position_noise
-        margin = 0.15 * contacts.extent
+        margin = max(0.15 * contacts.extent, 0.01)
         self.bounds = contacts.bounds + [[-margin], [margin]]  # (2, 3) [m]
 
     def evaluate(self, points):

@@ -1,0 +1,188 @@
+"""The touch benchmark: what is frozen, what a plug-in is, its scores, its row."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lis_grasp.cli.main import main
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
+from lis_grasp_studies.benchmark import objects, protocol
+from lis_grasp_studies.benchmark.baselines import baseline_rows
+from lis_grasp_studies.benchmark.objects import FOLDER, stored_object
+from lis_grasp_studies.benchmark.protocol import Protocol, kind_of
+from lis_grasp_studies.benchmark.scores import MEASURES, Measure, score_table, scores
+from lis_grasp_studies.benchmark.tracks import StoredTrial, measure_surfaces
+from lis_grasp_studies.evaluation.touched_shapes import HULL, NOISE
+from lis_grasp_studies.test_objects.salted import MIXED_FAMILIES, salted_shape
+
+# Of protocol_1.yaml. A change of the file is another protocol: write protocol_2.yaml beside it.
+FROZEN = "29f0fce3626fc4c9"
+
+
+def test_the_first_protocol_is_frozen() -> None:
+    content = (FOLDER / "protocol_1.yaml").read_bytes()
+    assert hashlib.sha256(content).hexdigest()[:16] == FROZEN
+    assert Protocol.load().version == 1
+
+
+def test_other_objects_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    changed = dict(objects.stored_objects(1))
+    changed["0 contacts"] = changed["0 contacts"] + np.float32(1e-6)
+    monkeypatch.setattr(protocol, "stored_objects", lambda version: changed)
+    with pytest.raises(InvalidFileError):
+        Protocol.load()
+
+
+def test_the_stored_objects_are_those_of_the_salt() -> None:
+    salt = Protocol.load().salt
+    for number in range(100):
+        shape, _ = stored_object(1, number)
+        made = salted_shape(salt, number, MIXED_FAMILIES)
+        assert shape.name == made.name
+        assert shape.mesh.is_watertight
+        # float32 keeps 24 bits: of 0.1 m, 3 nm.
+        np.testing.assert_allclose(shape.mesh.bounds, made.mesh.bounds, atol=1e-8)
+        assert shape.mesh.volume == pytest.approx(made.mesh.volume, rel=1e-5)
+
+
+def test_the_stored_contacts_have_the_noise_of_the_sensor() -> None:
+    errors, angles = [], []
+    for number in range(100):
+        shape, contacts = stored_object(1, number)
+        assert len(contacts) == 40
+        distances, faces = distances_to_mesh(contacts.points, shape.mesh)
+        errors.append(distances)
+        angles.append(np.einsum("ni,ni->n", contacts.normals, shape.mesh.face_normals[faces]))
+    rms = np.sqrt(np.mean(np.concatenate(errors) ** 2))
+    # Noise along a face shows only where it leaves the face: at edges.
+    assert 0.9 * NOISE["position_noise"] < rms < 1.3 * NOISE["position_noise"]
+    assert np.median(np.concatenate(angles)) > np.cos(2.0 * NOISE["normal_noise"])
+
+
+def test_the_judge_finds_what_the_protocol_says() -> None:
+    rows = {
+        r["object"]: r for n in range(3) for r in measure_surfaces(StoredTrial(1, n), HULL)[-1:]
+    }
+    for name, expected in Protocol.load().judge.items():
+        of, _, column = name.partition(" ")
+        assert rows[of][column] == pytest.approx(expected, rel=1e-4), name
+
+
+PLUGINS = """
+import numpy as np
+class Plane:
+    def __init__(self, contacts):
+        self.bounds = contacts.bounds
+    def evaluate(self, points):
+        return points[..., 2]
+class Policy:
+    def __init__(self, space):
+        self.space = space
+    def next_probe(self, contacts, surface, *, outcomes, rng):
+        return None
+class Choosy:
+    def __init__(self, space):
+        self.size = space.size
+    next_probe = Policy.next_probe
+def neither(something):
+    return 3
+"""
+
+
+def test_a_plugin_is_what_it_makes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "kinds_of_plugins.py").write_text(PLUGINS)
+    names = {"Plane": "estimator", "Policy": "policy", "Choosy": "policy"}
+    for name, kind in names.items():
+        assert kind_of(f"kinds_of_plugins:{name}") == kind
+    for name, kind in (("blend", "estimator"), ("hull", "estimator"), ("spread", "policy")):
+        assert kind_of(name) == kind
+    assert kind_of("wsg50") == kind_of("my_hand.yaml") == "hand"
+    for wrong in ("kinds_of_plugins:neither", "blendd"):
+        with pytest.raises(InvalidOptionError):
+            kind_of(wrong)
+
+
+def rows_of(values: list[float]) -> list[dict]:
+    return [{"object": f"o{k}", "x": value} for k, value in enumerate(values)]
+
+
+LOW = Measure("x", "mm", "lower", lambda row: row["x"])
+HIGH = Measure("x", "%", "higher", lambda row: row["x"])
+
+
+def test_a_score_is_a_loss_where_the_interval_of_the_difference_says_so() -> None:
+    rng = np.random.default_rng(0)
+    theirs = rng.uniform(1.0, 2.0, 30)
+    worse = list(theirs + rng.uniform(0.1, 0.3, 30))
+    same = list(theirs + rng.normal(0.0, 0.1, 30) * np.where(np.arange(30) % 2, 1.0, -1.0))
+    others = {"base": rows_of(list(theirs))}
+    loss, win = (scores("t", [m], rows_of(worse), others)[0] for m in (LOW, HIGH))
+    assert (loss.verdict, win.verdict) == ("loss", "win")
+    low, high = loss.difference
+    assert low is not None
+    assert high is not None
+    assert low < np.mean(worse) - np.mean(theirs) < high
+    (tie,) = scores("t", [LOW], rows_of(same), others)
+    assert tie.verdict == ""
+    table = score_table([win, tie, loss], "mine")
+    assert [line[5] for line in table.body] == ["loss", "", "win"]
+
+
+def test_objects_without_a_baseline_are_not_compared() -> None:
+    mine = rows_of([1.0, 2.0, 3.0, 4.0])
+    (score,) = scores("t", [LOW], mine, {"base": rows_of([5.0, 5.0])})
+    assert (score.objects, score.mean, score.baseline_mean) == (4, 2.5, 5.0)
+    (alone,) = scores("t", [LOW], mine, {})
+    assert (alone.baseline, alone.verdict) == ("", "")
+
+
+def test_an_estimate_that_failed_is_the_worst_in_every_measure() -> None:
+    good, _ = measure_surfaces(StoredTrial(1, 0), HULL)
+    failed = {key: good[key] for key in ("object", "family", "count")}
+    failed |= {"failure": "no surface", "slot": 0.099, "wall": 0.099}
+    for measure in MEASURES["stored_tasks"]:
+        if measure.count == good["count"]:
+            numbers = [measure.value(row) for row in (failed, good)]
+            assert None not in numbers or measure.name == "extents inside", measure.name
+            if None not in numbers:
+                worst, better = numbers if measure.better == "lower" else numbers[::-1]
+                assert worst > better, measure.name
+
+
+def test_the_stored_baselines_are_of_the_protocol() -> None:
+    tracks, rows = Protocol.load().tracks, baseline_rows(1)
+    for row in rows:
+        track = tracks[row["part"]]
+        assert row[track.experiment.variant] in track.variants
+        assert row["number"] < track.objects
+    measured = {row["estimator"] for row in rows if row["part"] == "surfaces"}
+    assert measured == set(tracks["surfaces"].variants)
+
+
+@pytest.mark.slow
+def test_a_quick_run_writes_a_row_and_runs_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["benchmark", HULL, "--quick", "--tracks", "surfaces", "--jobs", "1"]
+    command += ["--output", str(tmp_path / "out")]
+    assert main(command) == 0
+    row = json.loads((tmp_path / "out" / "row.json").read_text())
+    assert (row["kind"], row["name"], row["protocol"]) == ("estimator", HULL, 1)
+    assert row["tracks"]["surfaces"]["objects"] == 12
+    assert {"slot", "walls"} <= {m["measure"] for m in row["tracks"]["surfaces"]["measures"]}
+    assert any(loss["baseline"] == "blend" for loss in row["losses"])
+    lines = (tmp_path / "out" / "rows.jsonl").read_bytes()
+    assert main(command) == 0
+    assert (tmp_path / "out" / "rows.jsonl").read_bytes() == lines
+
+
+def test_a_track_of_another_kind_is_refused() -> None:
+    with pytest.raises(InvalidOptionError):
+        Protocol.load().configuration("policy", "spread", tracks=["surfaces"])
