@@ -232,20 +232,17 @@ LIFT_REASONS: Mapping[str, str] = MappingProxyType(
 REJECTIONS: Mapping[str, str] = MappingProxyType(
     {
         "lower_than_fingertips": "the object is lower than this hand can pinch: its"
-        " fingertips, on the table (`support`), would press on the upper edge from above, or be"
-        " above it; take a hand with flat or thinner fingertips, or turn the object so that it is"
-        " higher",
-        "steep": "all reachable surface faces up or down, so that no opposed pair is beside the"
-        " hand: the object is flat or low there, so turn its mesh to stand"
-        " higher",
+        " fingertips, on the table (`support`), would be at its upper edge or above; take thinner"
+        " fingertips or a suction cup, or turn the object so that it is higher",
+        "steep": "all reachable surface faces up or down: turn the object's mesh so that it stands"
+        " higher, or take a suction cup",
         "no_opposing_surface": "there is no surface opposite the thumb's contact that faces the"
         " other way: the object tapers, or is open there",
         "no_surface_for_a_finger": "opposite the thumb's contact, the surface is narrower than the"
-        " other fingers are apart: take a larger object, or bring these fingers closer together in"
-        " the pregrasps of the hand's YAML",
+        " other fingers are apart: bring these fingers closer together in the hand's pregrasps",
         "no_flat_supported_surface": "no flat part of the surface is large and high enough for a"
-        " pad, and touched if it is an estimate: turn the object so that more of it is above the"
-        " table, or make more touches (`touches`) for an estimate",
+        " pad, and touched if it is an estimate: turn the object so that it is higher, or make more"
+        " touches (`touches`)",
         "no_seal": "the surface is too narrow or too curved for the suction cup's lip there",
         "no_force_closure": "the contacts could not resist every force: raise `friction`, or make"
         " more touches (`touches`)",
