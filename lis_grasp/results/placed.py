@@ -12,9 +12,9 @@ PLACE_REASONS: Mapping[str, str] = MappingProxyType(
         "placed": "the object stands where it was planned",
         "fallen": "the object fell, rolled, or leans: make more touches (`touches`)",
         "turned": "the object stands, but turned by more than 5 degrees from the plan: make more"
-        " touches (`touches`), so that it is held where it was planned",
+        " touches (`touches`)",
         "moved": "the object stands, but more than 5 mm from the planned place: make more touches"
-        " (`touches`), so that it is held where it was planned",
+        " (`touches`)",
         "collided": "the hand, or the object in it, pushed a wall or another body with more than"
         " 2 N: make room, or make more touches (`touches`)",
         "not_reached": "the hand did not arrive above the place: make room",

@@ -100,7 +100,7 @@ def test_a_pull_lifts_a_free_object_with_the_force_less_its_weight(kind: str) ->
     assert not scene.contacts()
 
 
-@pytest.mark.parametrize("simulate", SIMULATORS)
+@pytest.mark.parametrize("simulate", [pytest.param(in_drake, marks=pytest.mark.slow), in_mujoco])
 def test_a_groove_under_the_lip_that_nobody_knew_lets_no_vacuum_build_up(
     simulate: Simulate,
 ) -> None:
