@@ -5,6 +5,7 @@
 An interactive page is stored as its picture: such a host runs no scripts, and a page is large.
 """
 
+import re
 import sys
 import tempfile
 from pathlib import Path
@@ -18,7 +19,10 @@ LONGEST = 20_000  # characters of a kind of output that is no picture
 
 
 def stored(output: Any) -> Any:
-    """Return an output of a cell without interactive pages and without what differs each time."""
+    """Return an output of a cell without interactive pages, paths of this machine and logs."""
+    if output.output_type == "stream":
+        text = re.sub(r"^\S*ipykernel_\S+ ", "", output.text, flags=re.MULTILINE)
+        output.text = re.sub(r"^INFO:.*\n", "", text, flags=re.MULTILINE)
     if "data" in output:
         data = output.data
         kept = {kind: text for kind, text in data.items() if len(text) <= LONGEST}

@@ -22,9 +22,10 @@ class CupWrenches:
 
     - a pull: ``N >= 0``;
     - shear and twist by friction mu: ``|f_t| + |m_z| / R <= mu N``, the linear limit surface;
-    - bending: ``|m_t| <= N R``, where the object tips over the lip's edge. The paper has a constant
-      of the rubber there, ``pi R kappa``. From ``N R / 2`` on, where a linear elastic ring presses
-      with 0 on one side, only a lip that follows the surface keeps the seal.
+    - bending and twist: ``|m_t| / R + |m_z| / (mu R) <= N``. At ``N R`` the object tips over the
+      lip's edge, which has no friction left for a twist. The paper has a constant of the rubber
+      there, ``pi R kappa``. From ``N R / 2`` on, where a linear elastic ring presses with 0 on one
+      side, only a lip that follows the surface keeps the seal.
 
     Circles are replaced by regular polygons inside them.
     """
@@ -76,10 +77,11 @@ def _half_spaces(
     frames = tangent_frame(axes)  # (B, 2, 3)
     ways = np.stack([np.cos(angles), np.sin(angles)], axis=-1) @ frames  # (B, E, 3)
     along, none = np.broadcast_to(axes[:, None], ways.shape), np.zeros_like(ways)
-    grip, bend = inside * friction, inside * cup.radius
-    shear = ways + grip * along
-    forces = np.concatenate([shear, shear, bend * along], axis=1)
-    twist = along / cup.radius
-    moments = np.concatenate([none + twist, none - twist, ways], axis=1)
-    limits = cup.pull * np.repeat([grip, grip, bend], CONE_EDGES)
+    grip, twist = inside * friction, along / cup.radius
+    shear, press, bend = ways + grip * along, inside * along, ways / cup.radius
+    forces = np.concatenate([shear, shear, press, press], axis=1)
+    moments = np.concatenate(
+        [none + twist, none - twist, bend + twist / friction, bend - twist / friction], axis=1
+    )
+    limits = cup.pull * np.repeat([grip, grip, inside, inside], CONE_EDGES)
     return forces, moments, limits

@@ -102,7 +102,7 @@ class ForceClosureSampler:
         if hand.cup is not None:
             raise InvalidOptionError(
                 f"ForceClosureSampler needs a hand with fingers; '{hand.name}' has a suction cup:"
-                " take SuctionSampler",
+                " call lis_grasp.plan, which takes the sampler of the hand",
                 option="hand",
                 value=hand.name,
             )

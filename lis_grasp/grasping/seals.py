@@ -38,26 +38,33 @@ def press_cups(tree: MeshTree, points: FloatArray, normals: FloatArray, cup: Cup
     >>> press_cups(MeshTree(box), top, np.array([[0.0, 0.0, 1.0]]), Hand.load("cup").cup).sealed
     array([ True])
     """
-    angles = 2.0 * np.pi * np.arange(_LIP) / _LIP
     centers, axes = points.copy(), normals.copy()
-    sealed = np.zeros(len(points), dtype=np.bool_)
+    sealed, open_ = np.zeros(len(points), dtype=np.bool_), np.arange(len(points))
     for _ in range(_ROUNDS):
-        one, two = np.moveaxis(tangent_frame(axes), -2, 0)
-        ways = np.cos(angles)[:, None] * one[:, None] + np.sin(angles)[:, None] * two[:, None]
-        lip = centers[:, None] + cup.radius * ways  # (P, L, 3)
-        squares, _, nearest = tree.nearest(lip.reshape(-1, 3))
-        gaps = np.sqrt(squares).reshape(len(points), _LIP)
-        sealed |= (gaps <= _GAP).all(axis=1)
-        heights = np.einsum("pli,pi->pl", nearest.reshape(lip.shape) - lip, axes)
-        rise = np.median(heights, axis=1)
-        waves = np.stack(
-            [(heights * wave).mean(axis=1) for wave in (np.cos(angles), np.sin(angles))]
-        )
-        slopes = 2.0 / cup.radius * waves
-        turned = unit(axes - slopes[0, :, None] * one - slopes[1, :, None] * two)
-        moved = centers + rise[:, None] * axes
-        travel = np.abs(np.einsum("pi,pi->p", moved - points, normals))
-        may = (np.einsum("pi,pi->p", turned, normals) > np.cos(cup.tilt)) & (travel <= cup.travel)
-        may &= ~sealed
-        centers[may], axes[may] = moved[may], turned[may]
+        fits, moved, turned = _follow(tree, centers[open_], axes[open_], cup.radius)
+        sealed[open_] = fits
+        travel = np.abs(np.einsum("pi,pi->p", moved - points[open_], normals[open_]))
+        may = np.einsum("pi,pi->p", turned, normals[open_]) > np.cos(cup.tilt)
+        may &= (travel <= cup.travel) & ~fits
+        open_ = open_[may]
+        centers[open_], axes[open_] = moved[may], turned[may]
     return Seals(sealed, centers, axes)
+
+
+def _follow(
+    tree: MeshTree, centers: FloatArray, axes: FloatArray, radius: float
+) -> tuple[BoolArray, FloatArray, FloatArray]:
+    """Return which lips seal where they are, and the poses that follow the surface better."""
+    angles = 2.0 * np.pi * np.arange(_LIP) / _LIP
+    one, two = np.moveaxis(tangent_frame(axes), -2, 0)
+    ways = np.cos(angles)[:, None] * one[:, None] + np.sin(angles)[:, None] * two[:, None]
+    lip = centers[:, None] + radius * ways  # (P, L, 3)
+    squares, _, nearest = tree.nearest(lip.reshape(-1, 3))
+    gaps = np.sqrt(squares).reshape(lip.shape[:2])
+    heights = np.einsum("pli,pi->pl", nearest.reshape(lip.shape) - lip, axes)
+    rise = np.median(heights, axis=1)
+    waves = np.stack([(heights * wave).mean(axis=1) for wave in (np.cos(angles), np.sin(angles))])
+    slopes = 2.0 / radius * waves
+    turned = unit(axes - slopes[0, :, None] * one - slopes[1, :, None] * two)
+    fits = np.asarray((gaps <= _GAP).all(axis=1))
+    return fits, centers + rise[:, None] * axes, turned

@@ -16,6 +16,7 @@ from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
 from lis_grasp.grasping.lift_path import STRAIGHT_LIFTS, LiftPath
 from lis_grasp.grasping.planned_meshes import require_closed
+from lis_grasp.grasping.sampler import CANDIDATES
 from lis_grasp.grasping.seals import Seals, press_cups
 from lis_grasp.grasping.surface_uncertainty import PALM_ERROR, allowed_meshes
 from lis_grasp.robots.hand import Hand
@@ -26,11 +27,8 @@ from lis_grasp.typing import FloatArray, Seed
 from lis_grasp.underflow import underflows
 from lis_grasp.world import ALONE, Surroundings
 
-CUP_PLACES = 4000
-"""Largest number of sampled places of a cup."""
-
 # Places a batch; sampling ends after so many that seal and that the hand reaches.
-_BATCH, _POOL = 400, 80
+_BATCH, _POOL = 100, 60
 # Surfaces that the estimate allows, on which each place is tried.
 _SURFACES = 32
 
@@ -72,7 +70,7 @@ class SuctionSampler:
         hand: Hand,
         prior: LoadPrior | None = None,
         *,
-        candidates: int = CUP_PLACES,
+        candidates: int = CANDIDATES,
         station: Reach | None = None,
         surroundings: Surroundings = ALONE,
         lifts: Sequence[LiftPath] = STRAIGHT_LIFTS,
@@ -82,7 +80,7 @@ class SuctionSampler:
         if hand.cup is None:
             raise InvalidOptionError(
                 f"SuctionSampler needs a hand of kind suction_cup; '{hand.name}' is of kind"
-                f" {hand.kind}: take ForceClosureSampler",
+                f" {hand.kind}: call lis_grasp.plan, which takes the sampler of the hand",
                 option="hand",
                 value=hand.name,
             )
@@ -240,7 +238,7 @@ def cup_epsilon(
     >>> box = shapes.find("box").mesh
     >>> top, up = np.array([[0.0, 0.0, box.bounds[1, 2]]]), np.array([[0.0, 0.0, 1.0]])
     >>> cup_epsilon(box, Hand.load("cup").cup, top, up, friction=0.5).round(2)
-    array([0.12])
+    array([0.05])
     """
     pressed = press_cups(MeshTree(mesh), points, axes, cup)
     center = np.asarray(mesh.center_mass)

@@ -142,8 +142,7 @@ class Closing:
         def touches(_: float) -> bool:
             return self.control.is_seated()
 
-        way = self.control.way_to_seat()
-        beyond = self._options.search_distance * way
+        beyond = self._options.search_distance * self.control.way_to_seat()
         for start, end in (
             (self._arrival, np.zeros(6)),
             (np.zeros(6), np.append(beyond, np.zeros(3))),
@@ -152,11 +151,6 @@ class Closing:
                 duration = float(np.linalg.norm(end - start)) / SEARCH_SPEED
                 self.steps.advance(duration, line(start, end, duration), touches)
         self.here = self.steps.displacement
-        press = self.control.press
-        if press and touches(0.0):
-            end, duration = self.here + np.append(press * way, np.zeros(3)), press / SEARCH_SPEED
-            self.steps.advance(duration, line(self.here, end, duration))
-            self.here = end
 
     def _press(self, time: float) -> bool:
         """Push gently: a flat pad that touched with an edge first comes to rest on its face."""

@@ -18,8 +18,6 @@ from lis_grasp.robots.robot_model import Cup
 from lis_grasp.shapes.mesh_distance import MeshTree
 from lis_grasp.typing import FloatArray
 
-# The lip is pressed by this fraction of its travel.
-_PRESSED = 0.5
 # A held object this far off the lip [m] leaks.
 _OFF_LIP = 0.001
 
@@ -27,7 +25,7 @@ _OFF_LIP = 0.001
 class CupControl:
     """Controls a suction cup through a grasp.
 
-    The lip presses on the surface. If it seals there, which the true object decides, the air
+    The lip touches the surface. If it seals there, which the true object decides, the air
     presses object and lip together with `Cup.pull`: friction and the contact of the lip, which the
     simulator computes, carry the rest. Where the lip no longer seals, the vacuum is lost for good.
     The folds of the bellows, which lie on each other under vacuum, keep their shape then.
@@ -56,11 +54,6 @@ class CupControl:
         """The cup, if its lip has touched the object."""
         return () if self._contact is None else self._hand.fingers
 
-    @property
-    def press(self) -> float:
-        """Way of the wrist beyond the lip's first contact [m]."""
-        return _PRESSED * self._cup.travel
-
     def measured_contacts(self) -> Contacts:
         """Return the middle of what the lip touches, in W."""
         if self._contact is None:
@@ -77,7 +70,7 @@ class CupControl:
         return -self._normal
 
     def close(self, elapsed: float, interval: float) -> bool:
-        """Measure where the lip touches; it has been pressed before."""
+        """Measure where the lip, which the wrist has seated, touches."""
         contacts = self._lip_contacts()
         weights = np.array([contact.strength for contact in contacts])
         if weights.sum() > TOUCH_FORCE:
@@ -90,7 +83,7 @@ class CupControl:
     def refusal(
         self, measured: Contacts, accept_grasp: Callable[[Contacts], bool] | None
     ) -> Reason | None:
-        """Return why the pressed cup is not lifted: the vacuum tests it, not `accept_grasp`."""
+        """Return why a cup is not lifted: the vacuum tests it, instead of `accept_grasp`."""
         if self._contact is None:
             return "no_contact"
         if self._seals(self._cup):

@@ -111,11 +111,6 @@ class FingerControl:
             fingers=fingers,
         )
 
-    @property
-    def press(self) -> float:
-        """Way of the wrist beyond the first contact of a fixed jaw [m]."""
-        return 0.0
-
     def is_seated(self) -> bool:
         """Return whether every fixed finger of the grasp touches the object."""
         measured = self._contacts_by_finger()

@@ -25,10 +25,6 @@ class Grip(Protocol):
     def touching(self) -> tuple[str, ...]:
         """The fingers of the grasp that have touched the object."""
 
-    @property
-    def press(self) -> float:
-        """Way of the wrist beyond the first contact of what it seats [m]."""
-
     def measured_contacts(self) -> Contacts:
         """Return the contacts of the touching fingers, in W."""
 

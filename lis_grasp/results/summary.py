@@ -195,8 +195,12 @@ LIFT_REASONS: Mapping[str, str] = MappingProxyType(
         "collision_on_approach": "the opened hand hit the object during the approach: the"
         " estimate is too small there, so make more touches (`touches`), or try the next grasps"
         " (`best` of the lift)",
-        "no_contact": "fewer than two fingers met the object: the estimate is too large there, so"
-        " make more touches (`touches`)",
+        "no_contact": "fewer than two fingers, or no cup, met the object: the estimate is too large"
+        " there, so make more touches (`touches`)",
+        "no_seal": "the suction cup's lip does not lie on the object all around: permit tests"
+        " (`closings`), or make more touches (`touches`)",
+        "pulled_off": "the suction cup's lip came off the object: try the next grasps"
+        " (`best` of the lift), or a smaller `mass`",
         "set_down": "the object slipped at the start of the lift, or was weighed as too heavy for"
         " the grip, and the hand set it down: permit more attempts (`attempts`), or try a smaller"
         " `mass`",
@@ -242,6 +246,7 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         "no_flat_supported_surface": "no flat part of the surface is large and high enough for a"
         " pad, and touched if it is an estimate: turn the object so that more of it is above the"
         " table, or make more touches (`touches`) for an estimate",
+        "no_seal": "the surface is too narrow or too curved for the suction cup's lip there",
         "no_force_closure": "the contacts could not resist every force: raise `friction`, or make"
         " more touches (`touches`)",
         "out_of_reach": "a finger does not get to its contact: the object is too wide or too narrow"

@@ -76,8 +76,8 @@ class Robot:
 
     hand: str = option(
         "allegro",
-        "a hand's YAML file, or a name: allegro, wsg50, barrett; of vendors' hands allegro_right,"
-        " robotiq_2f85, panda_hand and more",
+        "a hand's YAML file, or a name: allegro, wsg50, barrett, cup; of vendors' hands"
+        " allegro_right, robotiq_2f85, panda_hand and more",
         TOUCHING,
         metavar="HAND",
         check=named(_find_model(hand_path)),

@@ -78,10 +78,11 @@ def _read_image(path: Path) -> RecordedDepth:
         if ending == ".pcd":
             points, viewpoint = read_organised_pcd(path)
             try:
-                depth, intrinsics = depth_of_points(points)
+                depth, intrinsics, X_SC = depth_of_points(points)
             except InvalidInputError as error:
                 raise ReadError(str(error)) from None
-            return RecordedDepth(path, depth, 1.0, intrinsics, viewpoint)
+            pose = None if viewpoint is None else viewpoint @ X_SC
+            return RecordedDepth(path, depth, 1.0, intrinsics, pose)
         if ending == ".npy":
             array = np.load(path, allow_pickle=False)
             unit = 1e-3 if array.dtype.kind in "ui" else 1.0

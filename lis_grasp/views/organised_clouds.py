@@ -15,16 +15,22 @@ _PIXELS_OFF = 0.5
 _FEWEST = 30
 
 
-def depth_of_points(points: npt.ArrayLike) -> tuple[FloatArray, Intrinsics]:
-    """Return the depth image (H, W) [m] and the intrinsics of an organised cloud.
+# The camera in the frame of a cloud with z backward and y up, as in OpenGL.
+_TURNED = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def depth_of_points(points: npt.ArrayLike) -> tuple[FloatArray, Intrinsics, FloatArray]:
+    """Return the depth image (H, W) [m], the intrinsics and the camera of an organised cloud.
 
     The column of a pixel is linear in x / z, and its row in y / z: their least squares are the
-    camera's focal lengths and principal point.
+    camera's focal lengths and principal point. The camera is a pose (4, 4) in the frame of the
+    cloud: the identity, or a half turn about x.
 
     Parameters
     ----------
     points
-        Shape (H, W, 3) [m], in the frame of the camera, z forward; NaN where there is no depth.
+        Shape (H, W, 3) [m], in the frame of the camera: z forward and y down, or z backward and
+        y up; NaN where there is no depth.
 
     Raises
     ------
@@ -34,7 +40,7 @@ def depth_of_points(points: npt.ArrayLike) -> tuple[FloatArray, Intrinsics]:
     Examples
     --------
     >>> camera = Intrinsics(385.0, 380.0, 159.5, 119.5)
-    >>> depth, found = depth_of_points(0.5 * camera.rays((240, 320)))
+    >>> depth, found, _ = depth_of_points(0.5 * camera.rays((240, 320)))
     >>> bool(np.allclose(depth, 0.5)), [round(f, 6) for f in (found.fx, found.fy)]
     (True, [385.0, 380.0])
     """
@@ -44,7 +50,10 @@ def depth_of_points(points: npt.ArrayLike) -> tuple[FloatArray, Intrinsics]:
             f"an organised cloud must have rows and columns (H, W, 3); its shape is {image.shape}",
             field="points",
         )
-    z = image[..., 2]
+    z, X_SC = image[..., 2], np.eye(4)
+    if np.nanmedian(z) < 0.0:
+        image, X_SC = image * np.diag(_TURNED)[:3], _TURNED
+        z = image[..., 2]
     known = np.isfinite(image).all(axis=2) & (z != 0.0)
     v, u = np.nonzero(known)
     if len(v) < _FEWEST:
@@ -59,7 +68,7 @@ def depth_of_points(points: npt.ArrayLike) -> tuple[FloatArray, Intrinsics]:
             " the frame of the camera, z forward, as the driver of the camera gives them",
             field="points",
         )
-    return np.where(known, z, np.nan), Intrinsics(fx, fy, cx, cy)
+    return np.where(known, z, np.nan), Intrinsics(fx, fy, cx, cy), X_SC
 
 
 def _line(values: FloatArray, pixels: npt.NDArray[np.intp]) -> tuple[float, float, float]:

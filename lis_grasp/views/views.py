@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidViewError
+from lis_grasp.geometry import unit
 from lis_grasp.records import Record
 from lis_grasp.surfaces import FreeSpace
 from lis_grasp.surfaces.contact_preparation import thin_contacts
@@ -23,7 +24,7 @@ from lis_grasp.views.hand_eye import Calibration, Sight, calibrate, places
 _CLEARLY_FREE, _DEVIATIONS = 0.004, 3.0
 # A touch contradicts what a contour implies within this distance [m], on this side, this far off
 # [m], or if a finger passed there, by [m].
-_NEAR, _PARALLEL, _OFF, _PASSED = 0.03, 0.3, 0.005, 0.002
+_NEAR, _PARALLEL, _OFF, _PASSED = 0.03, 0.3, 0.008, 0.002
 # Contacts near to a mean whose noise it has; positions [m] and normals that are equally far apart.
 _NEIGHBOURS, _CELL, _NORMAL_CELL = 5, 0.005, 0.3
 
@@ -217,7 +218,9 @@ def _contradicted(implied: Contacts, touches: Contacts) -> BoolArray:
         offsets = implied.points[:, None] - touches.points
         near = np.linalg.norm(offsets, axis=2) < _NEAR
         near &= implied.normals @ touches.normals.T > _PARALLEL
-        off = np.abs(np.einsum("wtk,tk->wt", offsets, touches.normals)) > _OFF
+        # Across the chord of a circle through both: a surface may curve between them.
+        across = unit(implied.normals[:, None] + touches.normals, least=_PARALLEL)
+        off = np.abs(np.einsum("wtk,wtk->wt", offsets, across)) > _OFF
         wrong |= (near & off).any(axis=1)
     if len(touches.free_points):
         away = np.linalg.norm(implied.points[:, None] - touches.free_points, axis=2)

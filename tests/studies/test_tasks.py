@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from numpy.testing import assert_allclose
 
+from lis_grasp import Hand
 from lis_grasp_studies.evaluation.task_geometry import (
     FAILED,
     Surface,
@@ -29,7 +30,9 @@ from lis_grasp_studies.evaluation.tasks import (
 )
 from lis_grasp_studies.test_objects.salted import FAMILIES, SIZES, salted_shape
 
-SIDE, CUP = 0.06, 0.01
+SIDE = 0.06
+CUP = Hand.load("cup").pads[0].cup
+assert CUP is not None
 BOX = trimesh.creation.box([SIDE] * 3)
 NO_EDGES = np.empty((0, 3))
 

@@ -207,6 +207,10 @@ def test_a_cloud_without_a_viewpoint_needs_the_pose(small: DepthView, tmp_path: 
 
 def test_points_that_are_not_of_a_camera_are_refused(small: DepthView) -> None:
     points = small.depth[..., None] * small.intrinsics.rays(small.depth.shape)
+    turned = points * [1.0, -1.0, -1.0]  # z backward, as in OpenGL
+    depth, _, X_SC = depth_of_points(turned)
+    assert np.array_equal(np.isfinite(depth), np.isfinite(small.depth))
+    assert np.allclose(X_SC[:3, :3] @ [0.0, 0.0, 1.0], [0.0, 0.0, -1.0])
     for wrong in (points @ small.X_WC[:3, :3].T + small.X_WC[:3, 3], -points, points[0]):
         with pytest.raises(InvalidViewError) as caught:
             depth_of_points(wrong)
