@@ -192,8 +192,10 @@ def _hand_fields(checks: _Checks) -> dict[str, Any]:
 
 
 def _pads(checks: _Checks) -> tuple[Pad, ...]:
-    if not checks.entry.pads or checks.entry.cups:
-        checks.fail("pads", f"must be all that a hand of kind {checks.entry.kind} touches with")
+    if checks.entry.cups:
+        checks.fail("cups", "is only for a hand of kind suction_cup: leave it out, or change kind")
+    if not checks.entry.pads:
+        checks.fail("pads", "is missing: it must name the pad of each finger")
     return tuple(
         Pad(
             finger=finger,
@@ -208,8 +210,10 @@ def _pads(checks: _Checks) -> tuple[Pad, ...]:
 
 
 def _cups(checks: _Checks) -> tuple[Pad, ...]:
-    if not checks.entry.cups or checks.entry.pads:
-        checks.fail("cups", "must be all that a hand of kind suction_cup holds with, without pads")
+    if checks.entry.pads:
+        checks.fail("pads", "is not for a hand of kind suction_cup: leave it out, or change kind")
+    if not checks.entry.cups:
+        checks.fail("cups", "is missing: it must name the suction cup")
     return tuple(
         Pad(
             finger=name,

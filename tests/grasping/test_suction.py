@@ -171,7 +171,7 @@ def test_a_hand_goes_to_its_own_sampler() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "key"),
     [
-        ("kind: suction_cup", "kind: multi_finger", "pads"),
+        ("kind: suction_cup", "kind: multi_finger", "cups"),
         ("cups:", "pads:", "pads.cup.half_angle"),
         ("vacuum: 70000", "vacuum: 200000", "cups.cup.vacuum"),
         ("radius: 0.01,", "radius: 0.01, colour: 3,", "cups.cup.colour"),
