@@ -83,6 +83,7 @@ def test_convex_parts_of_a_link_that_the_hand_lacks_are_refused(angular_jaw: Pat
     assert caught.value.key == "convex_parts"
 
 
+@pytest.mark.slow
 def test_faces_of_angular_fingers_are_hidden_by_their_hulls(angular_jaw: Path) -> None:
     hulls = read_description(angular_jaw)
     parts = read_description(angular_jaw, DescriptionEdits(convex_parts=("left", "right")))

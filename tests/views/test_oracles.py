@@ -253,6 +253,7 @@ def _places(X_WC: np.ndarray, point: np.ndarray) -> np.ndarray:
     return apply_pose(X_WC, point)
 
 
+@pytest.mark.slow
 def test_the_correction_depends_on_the_poses_as_given_only() -> None:
     view = _view(BOX, 3, DepthCamera(hand_eye=HandEye(0.002, np.deg2rad(0.5))))
     touches = _touches(BOX, view.X_WC, 5, 0)
