@@ -17,8 +17,6 @@ from lis_grasp.views.camera import Intrinsics
 _NEAREST = 0.01
 # A hole this near to the object may be a part of it [px].
 _NEAR_OBJECT = 6
-# A lone hole: this many of its eight neighbours have a depth.
-_NEIGHBOURS = 6
 # Free space ends so many deviations before what was seen.
 _DEVIATIONS = 3.0
 # Beyond the camera's far limit: free up to here [m].
@@ -46,11 +44,9 @@ class SeenFreeSpace(Record):
     ) -> SeenFreeSpace:
         """Return the free space of a depth image (H, W) with an object's mask (H, W)."""
         hole = np.isnan(depth)
-        lone = hole & (ndimage.convolve((~hole).astype(int), np.ones((3, 3), int)) >= _NEIGHBOURS)
         about = ndimage.binary_dilation(mask, iterations=_NEAR_OBJECT)
-        unknown = hole & ~(lone & ~about)
         # Beside a hole of the object, what is seen may be mixed with the background.
-        unknown |= ndimage.binary_dilation(unknown & about, np.ones((3, 3), bool))
+        unknown = hole | ndimage.binary_dilation(hole & about, np.ones((3, 3), bool))
         far = np.minimum(np.where(hole, _FAR, depth), _FAR)
         # A mixed pixel is behind the nearest surface about it.
         ends = ndimage.minimum_filter(far, 3)

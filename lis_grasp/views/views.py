@@ -25,8 +25,6 @@ _CLEARLY_FREE, _DEVIATIONS = 0.004, 3.0
 # A touch contradicts what a contour implies within this distance [m], on this side, this far off
 # [m], or if a finger passed there, by [m].
 _NEAR, _PARALLEL, _OFF, _PASSED = 0.03, 0.3, 0.008, 0.002
-# Contacts near to a mean whose noise it has; positions [m] and normals that are equally far apart.
-_NEIGHBOURS, _CELL, _NORMAL_CELL = 5, 0.005, 0.3
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
@@ -148,17 +146,13 @@ class Views(Record):
         if len(together) <= most:
             return together
         means = thin_contacts(together, most)
-        known, asked = (
-            np.hstack([each.points / _CELL, each.normals / _NORMAL_CELL])
-            for each in (together, means)
-        )
-        _, near = cKDTree(known).query(asked, k=_NEIGHBOURS)
+        _, near = cKDTree(together.points).query(means.points)
         assert together.position_noise is not None
         assert together.normal_noise is not None
         return replace(
             means,
-            position_noise=np.median(together.position_noise[near], axis=1),
-            normal_noise=np.median(together.normal_noise[near], axis=1),
+            position_noise=together.position_noise[near],
+            normal_noise=together.normal_noise[near],
         )
 
     def guesses(self, touches: Contacts) -> Contacts:
