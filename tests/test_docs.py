@@ -31,7 +31,7 @@ GUIDES = (
     "world",
     "place",
 )
-UNRUN = {"cluster", "second-simulator"}  # need a cluster, MuJoCo
+UNRUN = {"cluster", "second-simulator", "benchmark"}  # need a cluster, MuJoCo, minutes
 
 # A fenced block: its language, the name of the file that it becomes (optional), and its content.
 _BLOCK = re.compile(

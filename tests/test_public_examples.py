@@ -9,17 +9,19 @@ import pydrake.all
 import pytest
 
 import lis_grasp
-from lis_grasp import Contacts, drake, pipeline
+from lis_grasp import Contacts, drake, pipeline, testing
 from lis_grasp.exploration import Workspace
 
 _OF_DRAKE = ("AddMultibodyPlantSceneGraph", "CameraInfo", "DiagramBuilder", "RigidTransform")
 _VALUES = ("__version__", "pipeline.SILENT")  # have no docstring of their own
 _NAMES = [*lis_grasp.__all__, *(f"pipeline.{name}" for name in pipeline.__all__)]
 _NAMES += [f"drake.{name}" for name in drake.__all__]
+_NAMES += [f"testing.{name}" for name in testing.__all__]
 # Examples that simulate a lift, or plan and watch as others do.
 _SLOW = {"run", "Run", "lift", "pipeline.lift_each", "pipeline.lift_file"}
 _SLOW |= {"pipeline.run", "pipeline.Run", "pipeline.lift", "pipeline.label_file"}
 _SLOW |= {"Grasp", "GraspSearch", "pipeline.plan", "pipeline.grasp_file", "pipeline.Watched"}
+_SLOW |= {"testing.check_estimator", "testing.check_policy", "testing.check_hand"}
 
 
 def _marked(name: str) -> object:
@@ -42,6 +44,8 @@ def test_the_example_of_a_public_name_runs(
     if name.startswith("drake."):
         public |= {"drake": drake, "Workspace": Workspace, **vars(drake)}
         public |= {of: getattr(pydrake.all, of) for of in _OF_DRAKE}
+    if name.startswith("testing."):
+        public |= {"testing": testing, **{of: getattr(testing, of) for of in testing.__all__}}
     space = public | {"np": np, "Path": Path, "contacts": Contacts(0.03 * axes, axes)}
     value = eval(name, space)  # noqa: S307
     text = value.__doc__

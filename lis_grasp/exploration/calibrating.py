@@ -11,8 +11,8 @@ from lis_grasp.exploration.targets import Targets
 # Seen contacts whose deviation along their normals is larger are worth a touch [m]: twice the noise
 # of one.
 _UNCERTAIN = 0.001
-# Touches of seen surface at most: each has another direction.
-_MOST = 3
+# Touches of seen surface are the first of all and every second one, up to this one.
+_EVERY, _LAST = 2, 5
 # Surface within this distance of a seen contact was seen [m].
 _NEAR = 0.006
 
@@ -21,10 +21,10 @@ def calibrating_target(targets: Targets, seen: Contacts, touches: int) -> int | 
     """Return the target that says most about the place of what was seen, after some touches.
 
     It is where the place of a seen contact is least certain along its normal: the camera's error is
-    common to all, so that each touch makes others certain, too. None if the place is known, or
-    enough such touches were made.
+    common to all, so that each touch makes others certain, too. None if the place is known, after
+    enough such touches, and where it is the turn of a touch of what was not seen.
     """
-    if touches >= _MOST or not len(seen) or seen.position_noise is None:
+    if touches % _EVERY or touches >= _LAST or not len(seen) or seen.position_noise is None:
         return None
     uncertain = seen.position_noise > _UNCERTAIN
     distances, nearest = cKDTree(seen.points).query(targets.points)

@@ -36,18 +36,12 @@ from lis_grasp.io._point_columns import (
     stated_unit,
     table,
 )
-from lis_grasp.io._point_readers import (
-    columns_of,
-    positional,
-    read_npy,
-    read_npz,
-    read_pcd,
-    read_rows,
-)
+from lis_grasp.io._point_readers import columns_of, positional, read_npy, read_npz, read_rows
 from lis_grasp.io.atomic_writing import write_bytes
 from lis_grasp.io.content_kinds import named_by_content
 from lis_grasp.io.csv_tables import cell_number, read_table, text_of, uncommented
 from lis_grasp.io.limits import reading
+from lis_grasp.io.pcd_files import read_pcd
 from lis_grasp.io.units import require_resolved
 from lis_grasp.typing import FloatArray
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from lis_grasp.arms.use import ArmUse
+from lis_grasp.contacts import Contacts
 from lis_grasp.io.atomic_writing import sole_writer, write_json
 from lis_grasp.results.exploring import explore_into
 from lis_grasp.results.first_contacts import touched_contacts
@@ -66,6 +67,9 @@ def run_task(
     # Threads change the order of sums, and thus the last digits of results.
     with sole_writer(folder), threadpool_limits(1):
         write_scene(task, folder / SCENE)
+        if scenario.agent.views is not None:
+            with watch.measure("see"):  # what is known before the first touch
+                scenario.agent.perception.prior.given(Contacts.empty())
         with watch.measure("touch"):
             after, exploration = explore_into(
                 folder, scenario, progress=progress, fresh=fresh, arm_use=arm_use

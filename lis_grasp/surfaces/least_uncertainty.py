@@ -17,7 +17,7 @@ from lis_grasp.typing import FloatArray
 from lis_grasp.underflow import methods_underflow
 
 # Growth of the standard deviation of a surface with the distance from the nearest contact.
-_GROWTH = 0.2
+_GROWTH = 0.25
 
 
 @methods_underflow

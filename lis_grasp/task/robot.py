@@ -48,7 +48,7 @@ def _sensor(help: str, name: str, metavar: str, words_else: str = "") -> Any:
 
 
 def _hand_eye(name: str, value: Any) -> tuple[float, ...]:
-    """Return standard deviations of a camera's pose, in metres and radians."""
+    """Return the root mean squares of the error of a camera's pose, in metres and radians."""
     if len(value) != 2 or not all(0.0 <= part <= 1.0 for part in value):
         required = "metres and radians, two numbers from 0 to 1"
         raise InvalidOptionError.out_of_range(name, value, required)
@@ -152,8 +152,8 @@ class Robot:
     )
     hand_eye: tuple[float, ...] = option(
         HAND_EYE,
-        "standard deviations of the error between camera and hand, of each coordinate and about"
-        " each axis; a simulated camera has such an error",
+        "root mean squares of the error between camera and hand, of its distance and its angle; a"
+        " simulated camera has such an error",
         CAMERA,
         metavar=("METRES", "RADIANS"),
         words="0.002 0.00873, 0.5 deg; 0 0 with --known or --ideal",

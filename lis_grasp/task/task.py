@@ -94,7 +94,10 @@ class Task:
         if at is not None and not isinstance(bodies, str):
             yield "at", f"`at` is a place in a file of bodies, `world`; it is {at} without a file"
         if arm is not None and world.simulator != "drake":
-            yield "arm", f"an arm is simulated in drake; the simulator is {world.simulator}"
+            yield "arm", (
+                "an arm is simulated in drake alone: leave out `arm`, or give `simulator` drake; it"
+                f" is {world.simulator}"
+            )
 
     @classmethod
     def of(

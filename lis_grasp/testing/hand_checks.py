@@ -14,7 +14,7 @@ import trimesh
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
-from lis_grasp.grasping.sampler import ForceClosureSampler
+from lis_grasp.grasping.samplers import sampler_of
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import HAND_CHECKS, opening_range
@@ -42,8 +42,9 @@ class HandSubject:
 
     @cached_property
     def block(self) -> trimesh.Trimesh:
-        """A block upright on a table at height 0, which fits between the pads."""
-        width = _SLENDER * min(opening_range(self.hand)[1], _BLOCK)
+        """A block upright on a table at height 0, which fits between pads that face each other."""
+        opening = opening_range(self.hand)[1] or _BLOCK  # a suction cup has none
+        width = _SLENDER * min(opening, _BLOCK)
         mesh = trimesh.creation.box((width, width, _BLOCK))
         mesh.apply_translation((0.0, 0.0, 0.5 * _BLOCK))
         return mesh
@@ -96,7 +97,7 @@ def _touches(of: HandSubject) -> str:
     "open the pregrasps wider than the block, and let pads face each other",
 )
 def _grasps(of: HandSubject) -> str:
-    sampler = ForceClosureSampler(of.hand, candidates=_CANDIDATES)
+    sampler = sampler_of(of.hand, candidates=_CANDIDATES)
     search = sampler.sample(of.block, rng=np.random.default_rng(0), support_height=0.0, count=1)
     width = 1e3 * float(of.block.extents[0])
     return "" if search.grasps else f"of {width:.0f} mm, none of {search.candidates} was possible"

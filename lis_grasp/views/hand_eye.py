@@ -34,8 +34,6 @@ _MOST_PIXELS, _REACH, _ON_TABLE, _LEAST = 400, 0.25, 3.0, 0.001
 _TOUCH_NOISE, _LEAST_NOISE = (0.0005, 0.05), 1e-4
 # A touch is of the seen surface near it: this far in errors of the pose and [m], and this parallel.
 _FAR, _NEAR, _PARALLEL = 3.0, 0.006, 0.7
-# Positions [m] and normals that are equally far apart; contacts that are a seen plane.
-_CELL, _NORMAL_CELL, _NEIGHBOURS = 0.008, 0.4, 10
 # A touch is not explained: deviations from the plane, depth in free space [m], deviations of it.
 _UNEXPLAINED, _CLEARLY_FREE, _DEVIATIONS = 5.0, 0.004, 3.0
 # A view is refuted by so many touches, and this fraction of those that concern it.
@@ -86,7 +84,7 @@ class Sight(Record):
     points: FloatArray  # (N, 3) [m] in C: seen surface
     normals: FloatArray  # (N, 3) in C
     noise: FloatArray  # (N, 2) of positions [m] and normals [rad]
-    tree: cKDTree | None  # of positions and normals
+    tree: cKDTree | None  # of the points
 
     @classmethod
     def of(cls, view: DepthView, support_height: float | None) -> Sight:
@@ -94,7 +92,7 @@ class Sight(Record):
         contacts = view.contacts_in_camera
         points, normals = contacts.points, contacts.normals
         noise = _noise_of(contacts)
-        tree = cKDTree(places(points, normals, _CELL, _NORMAL_CELL)) if len(points) else None
+        tree = cKDTree(points) if len(points) else None
         table, table_noise = np.empty((0, 3)), np.empty(0)
         if support_height is not None and len(points):
             table, table_noise = _table_of(view, support_height)
@@ -146,10 +144,8 @@ def _matched(prior: HandEye, sight: Sight, X_WC: FloatArray, touches: Contacts) 
         return _Matched(np.empty((0, 6)), none, none, np.empty(0, dtype=np.intp))
     points = apply_inverse(X_WC, touches.points)
     normals = rotate_back(X_WC, touches.normals)
-    count = min(_NEIGHBOURS, len(sight.points))
-    asked = places(points, normals, _CELL, _NORMAL_CELL)
-    near = np.reshape(sight.tree.query(asked, k=count)[1], (-1, count))
-    middle, seen = sight.points[near].mean(axis=1), unit(sight.normals[near].mean(axis=1))
+    _, near = sight.tree.query(points)
+    middle, seen = sight.points[near], sight.normals[near]
     reach = _FAR * np.hypot(prior.position, prior.rotation * np.abs(points[:, 2])) + _NEAR
     ok = np.linalg.norm(points - middle, axis=1) < reach
     ok &= np.einsum("nk,nk->n", seen, normals) > _PARALLEL
@@ -159,7 +155,7 @@ def _matched(prior: HandEye, sight: Sight, X_WC: FloatArray, touches: Contacts) 
     across = unit(seen[ok] + normals[ok])
     residuals = np.einsum("nk,nk->n", across, away)
     beside = np.linalg.norm(away - residuals[:, None] * across, axis=1)
-    noise = np.hypot(_noise_of(touches)[ok], sight.noise[near[ok]].mean(axis=1))
+    noise = np.hypot(_noise_of(touches)[ok], sight.noise[near[ok]])
     deviations = np.hypot(noise[:, 0], 0.5 * beside * noise[:, 1])
     return _Matched(
         np.hstack([cross(middle, across), across]),
@@ -195,11 +191,6 @@ def _doubted(
     wrong |= depths > _CLEARLY_FREE + _DEVIATIONS * found.displacement(touches.points)
     relevant = np.union1d(matched.touches, np.flatnonzero(wrong))
     return replace(found, touches=len(relevant), contradicting=int(np.count_nonzero(wrong)))
-
-
-def places(points: FloatArray, normals: FloatArray, cell: float, normal_cell: float) -> FloatArray:
-    """Return rows (N, 6) whose distances compare points [m] in cells, and normals in theirs."""
-    return np.hstack([points / cell, normals / normal_cell])
 
 
 def _table_of(view: DepthView, support_height: float) -> tuple[FloatArray, FloatArray]:

@@ -25,8 +25,8 @@ import numpy as np
 from PIL import Image
 
 from lis_grasp.exceptions import InvalidFileError, InvalidInputError, shown
-from lis_grasp.io._point_readers import read_organised_pcd
 from lis_grasp.io.limits import ReadError, reading
+from lis_grasp.io.pcd_files import read_organised_pcd
 from lis_grasp.io.yaml_files import read_yaml
 from lis_grasp.typing import BoolArray, FloatArray
 from lis_grasp.views.camera import HandEye, Intrinsics

@@ -17,7 +17,7 @@ from lis_grasp.surfaces import FreeSpace
 from lis_grasp.surfaces.contact_preparation import thin_contacts
 from lis_grasp.typing import BoolArray, FloatArray
 from lis_grasp.views.depth_view import DepthView
-from lis_grasp.views.hand_eye import Calibration, Sight, calibrate, places
+from lis_grasp.views.hand_eye import Calibration, Sight, calibrate
 
 # An implied contact deeper in seen free space is wrong [m]; free space ends so many deviations of
 # the place of what is seen before it.
@@ -149,7 +149,8 @@ class Views(Record):
             return together
         means = thin_contacts(together, most)
         known, asked = (
-            places(each.points, each.normals, _CELL, _NORMAL_CELL) for each in (together, means)
+            np.hstack([each.points / _CELL, each.normals / _NORMAL_CELL])
+            for each in (together, means)
         )
         _, near = cKDTree(known).query(asked, k=_NEIGHBOURS)
         assert together.position_noise is not None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal
 
@@ -117,6 +117,8 @@ class Score:
     baseline: str = ""
     baseline_mean: float | None = None
     """Of the baseline on the same objects; None without one."""
+    pairs: int = 0
+    """Objects of both."""
     difference: tuple[float | None, float | None] = (None, None)
     """95 % interval of the plug-in minus the baseline, paired by objects."""
 
@@ -154,15 +156,12 @@ def _against(
     if not both:
         return None
     first, second = (np.array([of[key] for key in both]) for of in (mine, theirs))
-    return Score(
-        alone.track,
-        alone.measure,
-        alone.objects,
-        alone.mean,
-        alone.interval,
-        name,
-        float(second.mean()),
-        _interval(both, first - second),
+    return replace(
+        alone,
+        baseline=name,
+        baseline_mean=float(second.mean()),
+        pairs=len(both),
+        difference=_interval(both, first - second),
     )
 
 
@@ -194,7 +193,7 @@ def score_table(found: Sequence[Score], name: str) -> Table:
                 theirs,
                 _ends(score.difference),
                 score.verdict,
-                str(score.objects),
+                f"{score.pairs or score.objects}",
             )
         )
     head = ("measure", "mean (95 %)", "baseline", "its mean", "difference, 95 %", "", "objects")

@@ -129,6 +129,7 @@ def test_a_free_hand_goes_into_a_shelf_and_out_of_it() -> None:
                 assert not checker.hit_obstacle(X_WH[None, None], q_now[None])[0]
 
 
+@pytest.mark.slow
 def test_a_planner_avoids_known_bodies_of_the_plant() -> None:
     """A board close above the box leaves no grasp from above."""
     builder = DiagramBuilder()

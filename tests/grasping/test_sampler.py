@@ -221,6 +221,7 @@ def test_refinement_raises_the_rank_of_grasps(name: str, monkeypatch: pytest.Mon
     assert drawn.candidates < refined.candidates <= drawn.candidates + 10 * len(drawn.grasps)
 
 
+@pytest.mark.slow
 def test_perturbed_contacts_are_on_the_surface_near_the_original_ones(
     box_search: GraspSearch,
 ) -> None:
@@ -369,6 +370,7 @@ def test_pads_may_press_on_balls_and_rods_but_not_beside_edges_or_in_grooves() -
     assert radii.min() > 0.0059  # on the ends, at least 1 mm beside the bore's edge
 
 
+@pytest.mark.slow
 def test_triangles_without_area_give_no_contact_samples() -> None:
     box = trimesh.creation.box((0.06, 0.06, 0.10))
     a, b, c = (int(v) for v in box.faces[0])
@@ -523,6 +525,7 @@ def _points_of(hand: Hand, X_OH: np.ndarray, q: np.ndarray) -> np.ndarray:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [

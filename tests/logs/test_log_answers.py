@@ -92,6 +92,7 @@ def test_angles_of_any_names_are_asked_for_and_then_right(
     assert_true(contacts_from_log(log, [Finger()], OBJECT, TOUCH)[0], recording)
 
 
+@pytest.mark.by_default("9")
 @pytest.mark.parametrize("count", [4, 9])
 def test_a_quaternion_and_a_matrix_of_unknown_names_are_asked_for(
     count: int, recording: Recording, tmp_path: Path
@@ -181,6 +182,7 @@ def test_a_wrong_orientation_scatters_the_places_of_an_offset_tip(tmp_path: Path
         contacts_from_log(log, [Finger()], frames, TOUCH)
 
 
+@pytest.mark.by_default("beside")
 @pytest.mark.parametrize("kind", ["constant", "ahead", "beside"])
 def test_commands_that_are_given_as_joint_states_are_said(
     kind: str, recording: Recording, tmp_path: Path
@@ -246,6 +248,7 @@ def test_degrees_that_fit_the_limits_as_radians_are_said(
         with_link_frames(log, urdf, LogReading(angles="deg"))
 
 
+@pytest.mark.slow
 def test_advice_fits_the_log_that_it_is_given_for(recording: Recording, tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     far = replace(recording, X_WT=recording.X_WT * ([1e3] * 3 + [1.0] * 4))

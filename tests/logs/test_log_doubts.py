@@ -75,6 +75,7 @@ def turns_of(recording: Recording, form: str) -> dict[str, Any]:
     return {f"q{k}": q[(k - 1) % 4] for k in range(4)}
 
 
+@pytest.mark.by_default("wxyz")
 @pytest.mark.parametrize("form", ["rotvec", "wxyz"])
 def test_an_orientation_that_names_do_not_say_is_asked_for_and_then_right(
     form: Any, recording: Recording, tmp_path: Path

@@ -440,6 +440,7 @@ def robot_of(recording: Recording, folder: Path) -> tuple[Path, dict[str, np.nda
     return path, dict(zip(ROBOT, recording.X_WT.T[:3], strict=False)) | turns
 
 
+@pytest.mark.by_default("csv")
 @pytest.mark.parametrize("kind", ["csv", "mcap"])
 def test_joint_states_and_a_urdf_give_the_pose_of_the_tip(
     kind: str, recording: Recording, tmp_path: Path

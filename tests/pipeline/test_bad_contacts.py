@@ -94,6 +94,7 @@ def test_few_places_are_warned_of_by_grasps_too(tmp_path: Path, copies: int) -> 
     assert any("fewer than 10 contacts" in line for line in said.lines)
 
 
+@pytest.mark.by_default("0.0-reaches 20 mm below the table, z = 0 m")
 @pytest.mark.parametrize(
     ("support", "warning"),
     [

@@ -130,6 +130,7 @@ def test_slides_are_proposed_unless_the_object_is_free(
     assert [np.linalg.norm(slide) for slide in slides] == pytest.approx([0.02] * len(slides))
 
 
+@pytest.mark.slow
 def test_the_command_reads_contacts_as_an_estimate_does(
     explored: Exploration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -14,7 +14,7 @@ from lis_grasp.robots.draft._structure import find_fingers
 from lis_grasp.robots.draft.pipeline import draft_hand
 from lis_grasp.robots.draft.yaml_text import hand_yaml
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_check import check_hand
+from lis_grasp.robots.hand_check import hand_findings
 
 # An angular finger along z: a plate 24 to 30 mm from the middle, on a foot from 8 mm on.
 FOOT, PLATE = (0.008, 0.030), (0.024, 0.030)
@@ -83,6 +83,7 @@ def test_convex_parts_of_a_link_that_the_hand_lacks_are_refused(angular_jaw: Pat
     assert caught.value.key == "convex_parts"
 
 
+@pytest.mark.slow
 def test_faces_of_angular_fingers_are_hidden_by_their_hulls(angular_jaw: Path) -> None:
     hulls = read_description(angular_jaw)
     parts = read_description(angular_jaw, DescriptionEdits(convex_parts=("left", "right")))
@@ -107,6 +108,6 @@ def test_pads_of_angular_fingers_are_their_plates_not_their_feet(angular_jaw: Pa
     path.write_text(text)
     again = Hand.load(path)
     assert len(again.link_geometries) == len(draft.hand.link_geometries)
-    about_pads = [finding for finding in check_hand(again) if "pad " in finding.text]
+    about_pads = [finding for finding in hand_findings(again) if "pad " in finding.text]
     assert about_pads
     assert all(finding.fine for finding in about_pads)

@@ -16,7 +16,7 @@ from lis_grasp.robots.draft._structure import find_fingers
 from lis_grasp.robots.draft.pipeline import HandDraft, draft_hand
 from lis_grasp.robots.draft.yaml_text import hand_yaml
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_check import check_hand
+from lis_grasp.robots.hand_check import hand_findings
 from lis_grasp.robots.robot_model import joints_to
 from lis_grasp.robots.shipped_models import VENDOR_HANDS, model_path
 
@@ -46,7 +46,7 @@ def test_a_draft_is_healthy_and_has_the_fingers_and_pads_of_the_shipped_hand(
     path = tmp_path / "draft.yaml"
     path.write_text(hand_yaml(made.hand, str(urdf_of(name)), made.edits, made.notes))
     hand = Hand.load(path)
-    assert not [finding.text for finding in check_hand(hand) if not finding.fine]
+    assert not [finding.text for finding in hand_findings(hand) if not finding.fine]
     assert hand.kind == shipped.kind
     assert len(hand.pads) == len(shipped.pads)
 

@@ -19,7 +19,7 @@ from lis_grasp.robots.draft._probe_postures import find_probe_postures
 from lis_grasp.robots.draft._structure import find_exclusions, find_fingers, find_hand_bases
 from lis_grasp.robots.draft.pipeline import draft_hand
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_check import check_hand
+from lis_grasp.robots.hand_check import hand_findings
 from lis_grasp.robots.link_bodies import load_link_mesh
 from lis_grasp.robots.shipped_models import HAND_NAMES
 
@@ -454,6 +454,6 @@ def test_a_face_behind_a_protruding_fingertip_is_no_pad(tmp_path: Path) -> None:
         for pad, sign in zip(draft.hand.pads, (1, -1), strict=True)
     )
     for pads, fine in ((draft.hand.pads, True), (behind, False)):
-        found = check_hand(replace(draft.hand, pads=pads))
+        found = hand_findings(replace(draft.hand, pads=pads))
         of_pads = [finding for finding in found if finding.text.startswith("pad ")]
         assert [finding.fine for finding in of_pads] == [fine, fine]

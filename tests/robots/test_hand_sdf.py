@@ -10,7 +10,7 @@ from claw import SDF, YAML
 
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_check import check_hand
+from lis_grasp.robots.hand_check import hand_findings
 from lis_grasp.robots.shipped_models import model_path
 
 
@@ -119,7 +119,7 @@ def test_a_shipped_hand_written_as_sdf_is_the_same_hand(tmp_path: Path) -> None:
     q, X = np.array([0.02, 0.05]), np.eye(4)
     for link, pose in jaw.forward_kinematics(X, q).items():
         np.testing.assert_allclose(hand.forward_kinematics(X, q)[link], pose, atol=1e-12)
-    assert any("no links collide" in finding.text for finding in check_hand(hand))
+    assert any("no links collide" in finding.text for finding in hand_findings(hand))
 
 
 def test_a_mimic_joint_of_sdf_is_coupled_about_its_reference(tmp_path: Path) -> None:

@@ -88,6 +88,7 @@ def test_a_fixed_jaw_off_the_base_is_a_finger_too(
     assert hand.link_fingers == {"base": "base", "jaw": "jaw"}
 
 
+@pytest.mark.slow
 def test_the_hand_holds_widths_at_which_its_jaws_are_about_parallel(hand: Hand) -> None:
     turned = sum(pad.half_angle for pad in hand.pads)  # of the jaw, whose face is parallel at 0.2
     # The centre of the moving pad, about the joint at x = 0.031, z = 0.04.

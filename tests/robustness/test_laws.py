@@ -41,6 +41,7 @@ def lumpy(rng: np.random.Generator) -> tuple[Contacts, np.ndarray]:
     return Contacts(points @ turn.T, normals @ turn.T), queries
 
 
+@pytest.mark.by_default("blend", "patch")
 @every_estimator
 @few
 @given(seed=seeds)
@@ -85,6 +86,7 @@ def test_the_mesh_moves_with_any_rigid_motion_and_scale(name: str, seed: int) ->
     assert apart.max() < 0.7  # at edges
 
 
+@pytest.mark.by_default("lis", "gpis", "patch")
 @every_estimator
 @few
 @given(seed=seeds)

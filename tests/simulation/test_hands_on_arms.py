@@ -11,13 +11,15 @@ import trimesh
 import lis_grasp
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidHandError, InvalidOptionError
 from lis_grasp.lifting.outcome import ArmUse
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import ARM_NAMES, HAND_NAMES
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.simulation.drake.dynamic_prober import TransitScene
 
+VENDORS = ("robotiq_2f85", "panda_hand", "leap", "inspire_hand", "barrett_bh280")
 BOX = trimesh.creation.box([0.06, 0.08, 0.12])
 _X_WA = np.eye(4)
 _X_WA[:3, 3] = -0.55, 0.0, 0.2
@@ -69,3 +71,31 @@ def test_every_hand_on_every_arm_touches_and_lifts(
     assert run.report["lift"]["reason"] not in ("diverged", "arm_collision", "torque_limit")
     if prober == "dynamic":
         assert run.report["arm"]["touches"]["contacts"] == {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("prober", "simulator", "obj"),
+    [("dynamic", "drake", "box"), ("kinematic", "mujoco", "cylinder")],
+)
+@pytest.mark.parametrize("hand", [*HAND_NAMES, *VENDORS])
+def test_hands_of_five_vendors_touch_and_lift_like_the_packages_own(
+    hand: str, prober: str, simulator: str, obj: str, tmp_path: Path
+) -> None:
+    if simulator == "mujoco":
+        pytest.importorskip("mujoco")
+    try:
+        Hand.load(hand)
+    except InvalidHandError as error:  # its model is installed apart
+        assert hand in VENDORS
+        pytest.skip(str(error))
+    robot = {"prober": prober, "simulator": simulator}
+    run = lis_grasp.run(obj, hand, folder=tmp_path, known=True, touches=6, grasps=3, **robot)
+    assert run.contacts is not None
+    assert run.truth is not None
+    assert len(run.contacts) >= 6
+    off, _ = distances_to_mesh(run.contacts.points, run.truth.mesh)
+    assert off.max() < 1e-4  # a tenth of a millimetre: the sensor is ideal
+    assert run.lift is not None
+    assert bool(run.grasps) == (run.lift["reason"] != "no_grasp")
+    assert run.lift["reason"] != "diverged"

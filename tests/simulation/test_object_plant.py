@@ -45,6 +45,7 @@ def heights_after_a_fall(
     return np.array(heights[len(heights) // 2 :])
 
 
+@pytest.mark.by_default("size2-0.2-0.005")
 @pytest.mark.parametrize("time_step", [pytest.param(0.002, marks=pytest.mark.slow), 0.005])
 @pytest.mark.parametrize(
     ("size", "mass"),

@@ -73,6 +73,7 @@ def ground_forces(scene: PlantScene) -> dict[str, float]:
     return forces
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mass", "time_step"),
     [
@@ -127,7 +128,7 @@ def test_a_free_mesh_does_not_move_before_it_is_touched(wsg50: Hand, name: str) 
     assert body.displacement(scene.surroundings.poses(scene.context)["mesh"]) < 1e-12
 
 
-@pytest.mark.by_default("0.005-pentagon")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize("time_step", [0.005, pytest.param(0.002, marks=pytest.mark.slow)])
 def test_a_pushed_mesh_comes_to_rest(wsg50: Hand, name: str, time_step: float) -> None:

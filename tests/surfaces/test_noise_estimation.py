@@ -75,7 +75,9 @@ def with_noise(contacts: Contacts, position: float, normal: float, seed: int) ->
 
 
 @pytest.mark.parametrize("shape", list(SHAPES))
-@pytest.mark.parametrize(("position", "degrees"), [(0.002, 6.0), (0.007, 20.0)])
+@pytest.mark.parametrize(
+    ("position", "degrees"), [(0.002, 6.0), pytest.param(0.007, 20.0, marks=pytest.mark.slow)]
+)
 def test_estimated_noise_is_within_a_factor_of_one_and_a_half(
     shape: str, position: float, degrees: float
 ) -> None:

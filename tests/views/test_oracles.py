@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import NothingSeenError
 from lis_grasp.geometry import angle_between, apply_inverse, unit
 from lis_grasp.views import (
     DepthCamera,
@@ -15,6 +16,7 @@ from lis_grasp.views import (
     Views,
     draw_camera_pose,
     look_at,
+    segment_object,
     simulate_view,
 )
 from lis_grasp.views.contour import occluding_contour
@@ -173,6 +175,23 @@ def test_a_hole_is_never_free() -> None:
         assert (view.depths(points)[0] <= 0.0).all()
 
 
+@pytest.mark.parametrize("name", OBJECTS)
+def test_glass_is_unknown_and_never_free(name: str) -> None:
+    """It has no contact and implies none; with the camera's noise no point in it is free."""
+    mesh = OBJECTS[name]
+    rng = np.random.default_rng(1)
+    X_WC = draw_camera_pose([0.0, 0.0, 0.03], rng=rng)
+    view = simulate_view([mesh], X_WC, DepthCamera(), rng=rng, is_transparent=True)
+    views = Views((view,), 0.0)
+    assert len(views.contacts(400)) == len(views.guesses(Contacts.empty())) == 0
+    inside = trimesh.sample.volume_mesh(mesh, 10_000)
+    assert not (views.free.depths(inside[inside[:, 2] > 0.0])[0] > 0.0).any()
+    with pytest.raises(NothingSeenError):  # a hole is no object that stands on the table
+        segment_object(view, 0.0)
+    touches = _touches(mesh, X_WC, 5, 0)
+    assert not views.given(touches).is_dropped
+
+
 def test_a_plane_without_noise_is_at_its_height() -> None:
     X_WC = look_at([0.3, 0.2, 0.45], [0.0, 0.0, 0.0])
     camera = EXACT.intrinsics
@@ -234,6 +253,7 @@ def _places(X_WC: np.ndarray, point: np.ndarray) -> np.ndarray:
     return apply_pose(X_WC, point)
 
 
+@pytest.mark.slow
 def test_the_correction_depends_on_the_poses_as_given_only() -> None:
     view = _view(BOX, 3, DepthCamera(hand_eye=HandEye(0.002, np.deg2rad(0.5))))
     touches = _touches(BOX, view.X_WC, 5, 0)
@@ -241,6 +261,20 @@ def test_the_correction_depends_on_the_poses_as_given_only() -> None:
     twice = Views((view,), 0.0).given(touches[:2]).given(touches)
     assert np.array_equal(once.calibrations[0].X_WC, twice.calibrations[0].X_WC)
     assert once.contacts(100) == twice.contacts(100)
+
+
+def test_touches_of_curved_surface_beside_the_seen_one_do_not_move_the_camera() -> None:
+    """A chord of a circle is across the mean of the normals at its ends, whatever the radius."""
+    view = _view(CYLINDER, 0, DepthCamera(noise=DepthNoise.none(), hand_eye=HandEye(0.002, 0.009)))
+    true = _view(CYLINDER, 0).X_WC
+    away = np.arctan2(*(true[:2, 3][::-1]))
+    angles = away + np.deg2rad([-72.0, -66.0, -60.0, 0.0, 60.0, 66.0, 72.0])
+    normals = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(7)])
+    touches = Contacts(0.03 * normals + [0.0, 0.0, 0.05], normals, position_noise=np.full(7, 1e-4))
+    views = Views((view.posed(true),), 0.0).given(touches)  # the prior's error is not there
+    seen = views.corrected[0].contacts.points
+    moved = view.posed(true).contacts.points - seen
+    assert np.linalg.norm(moved[:, :2], axis=1).max() < 4e-4
 
 
 @pytest.mark.by_default("0")

@@ -217,6 +217,7 @@ def test_growth_of_another_estimator_is_not_drawn(folder: Path) -> None:
     assert scene_counts(folder) == GROWTH
 
 
+@pytest.mark.slow
 def test_a_new_exploration_replaces_the_growth(folder: Path) -> None:
     own = folder / "growth" / "mine.ply"
     own.write_text("mine")
