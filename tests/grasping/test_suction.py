@@ -192,7 +192,8 @@ def test_a_wrong_cup_names_its_key(old: str, new: str, key: str, tmp_path: objec
     assert error.value.key == key
 
 
-@pytest.mark.parametrize("module", [pytest.param(samplers, marks=pytest.mark.slow), seals, suction])
+@pytest.mark.slow
+@pytest.mark.parametrize("module", [samplers, seals, suction])
 def test_the_examples_run(module: object) -> None:
     space = {"Hand": Hand, "shapes": shapes, "np": np, "MeshTree": MeshTree, "replace": replace}
     report = doctest.testmod(module, extraglobs=space)  # type: ignore[arg-type]
