@@ -37,6 +37,7 @@ from lis_grasp_studies.evaluation.exploration import EXPLORATION, ExplorationTri
 from lis_grasp_studies.evaluation.grasp_parts import GraspsPart, SimulatorsPart
 from lis_grasp_studies.evaluation.grasp_tables import ALL, REFERENCE, SUBJECT
 from lis_grasp_studies.evaluation.part import Part, Places, SeedsPart, group_of, interleaved
+from lis_grasp_studies.evaluation.suction_lifts import SuctionPart
 from lis_grasp_studies.evaluation.tasks import TasksPart
 from lis_grasp_studies.evaluation.views import ViewsPart
 from lis_grasp_studies.evaluation.worlds import WorldsPart
@@ -268,6 +269,7 @@ AnyPart = (
     | FitsPart
     | WorldsPart
     | TasksPart
+    | SuctionPart
     | ViewsPart
 )
 
