@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from lis_grasp import shapes as shapes
     from lis_grasp.contacts import Contacts as Contacts
     from lis_grasp.evaluation.surface_error import surface_error as surface_error
+    from lis_grasp.exports.outline import outline as outline
     from lis_grasp.grasping.epsilon import epsilon_quality as epsilon_quality
     from lis_grasp.grasping.force_closure import is_force_closure as is_force_closure
     from lis_grasp.grasping.grasps import Grasp as Grasp
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "contacts": "Contacts",
     "evaluation.surface_error": "surface_error",
+    "exports.outline": "outline",
     "grasping.epsilon": "epsilon_quality",
     "grasping.force_closure": "is_force_closure",
     "grasping.grasps": "Grasp GraspSearch",

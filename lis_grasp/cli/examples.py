@@ -43,6 +43,7 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
         ),
         "motion": (("out/grasps.json --arm iiwa14", "trajectories of an arm"),),
         "export": (("out/surface.ply --mass 0.3", "the estimate for other simulators"),),
+        "outline": (("results/demo --clearance-for 0.9", "a cut-out that the object fits into"),),
         "view": (("results/demo", "then open the address that is printed"),),
         "hand": (
             ("new my_hand.urdf", "a first YAML of your hand"),

@@ -49,6 +49,7 @@ _VERBS = (
     ("lift", "lift", "simulate the lift of the true object, write lifts.json"),
     ("motion", "arm_motion", "write joint trajectories of an arm for a grasp and its lift"),
     ("export", "export", "write an object as URDF, SDF and MJCF with mass, inertia, convex parts"),
+    ("outline", "outline", "write an estimate's silhouette and a clearance as DXF and SVG"),
     ("view", "view", "show the scene of a folder of results in the browser"),
     ("hand", "hand_files", "write the first YAML of a hand, or draw a hand"),
     ("doctor", "doctor", "check this machine, or the files of a hand, and list fixes"),

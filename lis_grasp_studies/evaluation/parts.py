@@ -36,6 +36,7 @@ from lis_grasp_studies.evaluation.command_parts import CommandsPart, FitsPart, S
 from lis_grasp_studies.evaluation.exploration import EXPLORATION, ExplorationTrial
 from lis_grasp_studies.evaluation.grasp_parts import GraspsPart, SimulatorsPart
 from lis_grasp_studies.evaluation.grasp_tables import ALL, REFERENCE, SUBJECT
+from lis_grasp_studies.evaluation.outlines import OutlinesPart
 from lis_grasp_studies.evaluation.part import Part, Places, SeedsPart, group_of, interleaved
 from lis_grasp_studies.evaluation.suction_lifts import SuctionPart
 from lis_grasp_studies.evaluation.tasks import TasksPart
@@ -270,6 +271,7 @@ AnyPart = (
     | WorldsPart
     | TasksPart
     | SuctionPart
+    | OutlinesPart
     | ViewsPart
 )
 

@@ -61,7 +61,7 @@ class SuctionTrial:
 
 def measure_suction(trial: SuctionTrial, estimator: str) -> Row:
     """Return the first grasp that is planned on an estimate, and its lift of the true object."""
-    shape, contacts = _explored(trial)
+    shape, contacts = explored(trial)
     row: Row = {"object": shape.name, "family": shape.name.split("-")[0]}
     row |= {"held": 0, "lifted": 0, "seals": 0, "reason": _NO_GRASP}
     scenario = scenario_of(shape, trial.seed, hand="cup", grasps=1, mass=_MASS)
@@ -84,7 +84,7 @@ def measure_suction(trial: SuctionTrial, estimator: str) -> Row:
 
 
 @lru_cache(maxsize=2)  # all estimators get the same contacts
-def _explored(trial: SuctionTrial) -> tuple[Shape, Contacts]:
+def explored(trial: SuctionTrial) -> tuple[Shape, Contacts]:
     """Return the object in its likeliest resting pose, and the contacts of its exploration."""
     shape = salted_shape(trial.salt, trial.number)
     shape = placed(shape, make_pose(resting_poses(shape.mesh)[0].rotation))
