@@ -12,7 +12,7 @@ from trimesh.collision import mesh_to_BVH
 
 from lis_grasp.arms.mounted_hand import MountedHand
 from lis_grasp.geometry import apply_pose
-from lis_grasp.robots.body_pairs import BodyPairs, balls_around, outline, pairs_of_bodies
+from lis_grasp.robots.body_pairs import BodyPairs, balls_around, hull_points, pairs_of_bodies
 from lis_grasp.typing import BoolArray, FloatArray
 
 Obstacle = Literal["table", "obstacle", "object", "self"]
@@ -55,7 +55,7 @@ class StationChecker:
             max(ARM_CLEARANCE, margin),
             HAND_CLEARANCE + margin,
         )
-        self._outlines = [outline(g) for g in bodies]
+        self._outlines = [hull_points(g) for g in bodies]
         self._obstacles: list[_Obstacle] = []
         if mesh is not None:
             kept_off = np.concatenate([np.ones(self._of_arm, dtype=bool), of_hand])

@@ -52,8 +52,8 @@ def execute(options: argparse.Namespace) -> None:
     low, high = found.polygon.bounds[:2], found.polygon.bounds[2:]
     width, height = (1e3 * (b - a) for a, b in zip(low, high, strict=True))
     say(f"outline   {width:.1f} x {height:.1f} mm, {1e6 * found.polygon.area:.0f} mm2")
-    say(
-        f"clearance {1e3 * found.clearance:.1f} mm: the object goes in with probability"
-        f" {options.clearance_for:g}"
-    )
+    meaning = f"the object goes in with probability {options.clearance_for:g}"
+    if "uncertainty" not in mesh.vertex_attributes:
+        meaning = "the mesh has no uncertainty, and is taken to be exact"
+    say(f"clearance {1e3 * found.clearance:.1f} mm: {meaning}")
     say(f"wrote {folder / 'outline.dxf'}, outline.svg")

@@ -19,7 +19,7 @@ from lis_grasp.grasping.lift_path import LIFT_STEP
 from lis_grasp.grasping.surface_uncertainty import PALM_ERROR, allowed_meshes
 from lis_grasp.lifting.place_plan import LARGEST_ANGLE, PlacePlan
 from lis_grasp.lifting.placing import placed_wrist
-from lis_grasp.robots.body_pairs import outline
+from lis_grasp.robots.body_pairs import hull_points
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.resting import rest_from, resting_poses
 from lis_grasp.typing import FloatArray
@@ -235,7 +235,7 @@ class PlaceSearch:
         """Return the height of the lowest point of a hand with joints q (J,) [m]."""
         links, lowest = self.hand.forward_kinematics(X_WH, q), np.inf
         for geometry in self.hand.link_geometries:
-            points, radius = outline(geometry)
+            points, radius = hull_points(geometry)
             at = apply_pose(links[geometry.link] @ geometry.X_LG, points)
             lowest = min(lowest, float(at[:, 2].min()) - radius)
         return lowest

@@ -139,7 +139,7 @@ def fcl_shape(geometry: LinkGeometry) -> fcl.CollisionGeometry:
     return getattr(fcl, geometry.kind.capitalize())(*geometry.dimensions)
 
 
-def outline(geometry: LinkGeometry) -> tuple[FloatArray, float]:
+def hull_points(geometry: LinkGeometry) -> tuple[FloatArray, float]:
     """Return points and a radius: balls of that radius about the points cover the body's hull."""
     if geometry.kind == "sphere":
         return np.zeros((1, 3)), geometry.dimensions[0]

@@ -11,7 +11,7 @@ import trimesh
 from trimesh.collision import mesh_to_BVH
 
 from lis_grasp.geometry import apply_pose, inverse_pose
-from lis_grasp.robots.body_pairs import fcl_shape, outline
+from lis_grasp.robots.body_pairs import fcl_shape, hull_points
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import InsideTest
 from lis_grasp.typing import BoolArray, FloatArray
@@ -67,7 +67,7 @@ class HandCollisionChecker:
         self._floor = None if support_height is None else support_height + clearance
         shapes = [fcl_shape(geometry) for geometry in hand.link_geometries]
         self._bodies = [fcl.CollisionObject(shape, fcl.Transform()) for shape in shapes]
-        self._outlines = [outline(g) for g in hand.link_geometries]
+        self._outlines = [hull_points(g) for g in hand.link_geometries]
         # A point of each body in its frame, (G, 3): a vertex, or the middle of a simple shape.
         self._points = np.array(
             [g.mesh.vertices[0] if g.kind == "mesh" else np.zeros(3) for g in hand.link_geometries]
