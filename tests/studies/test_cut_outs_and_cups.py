@@ -92,7 +92,7 @@ def test_the_reliability_is_the_fraction_of_needs_below_the_bound() -> None:
         grow, shrink = scales(p)
         assert float(line[3]) == pytest.approx(10.0 * grow, abs=0.51)
         assert float(line[4]) == pytest.approx(grow, abs=0.051)
-        assert float(line[6]) == pytest.approx(10.0 * shrink, abs=0.51)
+        assert float(line[5]) == pytest.approx(10.0 * shrink, abs=0.51)
     numbers = OUTLINES.numbers(outline_rows(40))
     assert numbers["grow 90 blend"] == pytest.approx(9.01)
 
