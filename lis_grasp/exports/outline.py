@@ -67,18 +67,17 @@ def outline(
 ) -> Outline:
     """Return the outline of an estimate, with the clearance of a cut-out that lets the object in.
 
-    The cut-out is the outline, grown by ``q m``: the mean m of the estimate's standard deviations
-    along its silhouette, times the quantile q of what this took on development objects, touched 20
-    and 40 times (a conformal prediction, Vovk et al. 2005). It is calibrated for `blend`.
+    It grows by the mean standard deviation along the silhouette, times the quantile of what this
+    took on development objects with `blend` (conformal prediction, Vovk et al. 2005).
+    `polygon`, `inner` and `outer` of the result are polygons of Shapely.
 
     Parameters
     ----------
     mesh
-        Closed, in O [m]. Its vertex attribute ``"uncertainty"`` has the deviations [m]; a mesh
-        without it is exact, and needs no clearance.
+        Closed, in O [m]; without the vertex attribute ``"uncertainty"`` [m] it is exact.
     axis
-        Direction of view: a coordinate axis, from its end, or a vector (3,). Along z, x and y of
-        the polygons are those of O; along x they are y and z, along y they are z and x.
+        Direction of view: a coordinate axis, from its end, or a vector (3,). Along z the plane is
+        x, y; along x it is y, z; along y it is z, x.
     pose
         In place of an axis: number of a resting pose, from 0, the likeliest (`resting_poses`);
         the view is from above.

@@ -78,8 +78,16 @@ class OutlinesPart(SeedsPart):
         return [reliability_table(rows)]
 
     def numbers(self, rows: Sequence[Row]) -> dict[str, float]:
-        """Return the quantiles of what outlines needed, in mean deviations along silhouettes."""
-        return {
+        """Return how often bounds are true, clearances [mm], and the quantiles of what was needed.
+
+        These are in mean deviations along silhouettes.
+        """
+        found = {}
+        for line in reliability_table(rows).body:
+            estimator, count, said, true, clearance, *_ = line
+            found[f"true {said} {estimator} {count}"] = float(true)
+            found[f"clearance {said} {estimator} {count}"] = float(clearance)
+        return found | {
             f"{name} {100 * p:g} {estimator}": conformal_quantile(_ratios(of, name), p)
             for estimator, of in split(rows, "estimator").items()
             for name in ("grow", "shrink")
