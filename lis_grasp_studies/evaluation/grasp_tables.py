@@ -30,7 +30,7 @@ from lis_grasp_studies.study.trial import TRIAL_COLUMNS
 REFERENCE, SUBJECT = "gpis", "blend"
 ALL = "all"
 _key = itemgetter(*TRIAL_COLUMNS, "estimator")
-_TIMES = ("touch", "estimate", "grasp", "lift")
+_TIMES = ("grasp", "lift")
 _MOST_LOST = 12  # objects that are listed
 _CAPTION = (
     "Percent of grasps that lift the object and hold it through the shake, as planned. Dots are"
