@@ -255,11 +255,7 @@ class ExplorationPart(SeedsPart):
 
 
 AnyPart = (
-    SurfacesTrack
-    | LiftsTrack
-    | PoliciesTrack
-    | HandsTrack
-    | GraspsPart
+    GraspsPart
     | PaperPart
     | SurfacesPart
     | LiesPart
@@ -273,6 +269,10 @@ AnyPart = (
     | SuctionPart
     | OutlinesPart
     | ViewsPart
+    | SurfacesTrack
+    | LiftsTrack
+    | PoliciesTrack
+    | HandsTrack
 )
 
 KINDS: Mapping[str, type[Part]] = {
