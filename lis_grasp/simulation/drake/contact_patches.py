@@ -62,21 +62,27 @@ class FlatPart:
     force: float  # fraction, by area, of the patch's normal force [N]
 
 
-def patch_forces(results: ContactResults) -> Iterator[tuple[GeometryId, GeometryId, float]]:
-    """Yield the geometries of each hydroelastic contact, and the size of its force [N]."""
+def patch_forces(
+    results: ContactResults, of: Container[GeometryId] | None = None
+) -> Iterator[tuple[GeometryId, GeometryId, float]]:
+    """Yield the geometries and the force [N] of each hydroelastic contact, of some or of all."""
     for i in range(results.num_hydroelastic_contacts()):
         info = results.hydroelastic_contact_info(i)
         surface = info.contact_surface()
-        force = float(np.linalg.norm(info.F_Ac_W().translational()))
-        yield surface.id_M(), surface.id_N(), force
+        first, second = surface.id_M(), surface.id_N()
+        if of is None or first in of or second in of:
+            yield first, second, float(np.linalg.norm(info.F_Ac_W().translational()))
 
 
-def point_forces(results: ContactResults) -> Iterator[tuple[GeometryId, GeometryId, float]]:
-    """Yield the geometries of each contact of points, and the size of its force [N]."""
+def point_forces(
+    results: ContactResults, of: Container[GeometryId] | None = None
+) -> Iterator[tuple[GeometryId, GeometryId, float]]:
+    """Yield the geometries and the force [N] of each contact of points, of some or of all."""
     for i in range(results.num_point_pair_contacts()):
         info = results.point_pair_contact_info(i)
         points = info.point_pair()
-        yield points.id_A, points.id_B, float(np.linalg.norm(info.contact_force()))
+        if of is None or points.id_A in of or points.id_B in of:
+            yield points.id_A, points.id_B, float(np.linalg.norm(info.contact_force()))
 
 
 def link_contacts(

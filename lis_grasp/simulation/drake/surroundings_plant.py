@@ -78,8 +78,9 @@ class SurroundingsInPlant:
 
     def touched(self, results: ContactResults) -> set[str]:
         """Return the names of the bodies that are in contact with anything."""
-        pairs = chain(patch_forces(results), point_forces(results))
-        found = {self.name_of_geometry.get(g) for pair in pairs for g in pair[:2]}
+        names = self.name_of_geometry
+        pairs = chain(patch_forces(results, names), point_forces(results, names))
+        found = {names.get(g) for pair in pairs for g in pair[:2]}
         return {name for name in found if name is not None}
 
     def joint(self, name: str) -> Joint:
@@ -107,9 +108,11 @@ class SurroundingsInPlant:
         They are sums over contacts of the sizes of their forces.
         """
         sums: dict[tuple[str, Pusher], float] = {}
-        for first, second, force in chain(patch_forces(results), point_forces(results)):
+        names = self.name_of_geometry
+        pairs = chain(patch_forces(results, names), point_forces(results, names))
+        for first, second, force in pairs:
             for own, other in ((first, second), (second, first)):
-                name, who = self.name_of_geometry.get(own), pushers.get(other)
+                name, who = names.get(own), pushers.get(other)
                 if name is not None and who is not None:
                     sums[name, who] = sums.get((name, who), 0.0) + force
         return sums
