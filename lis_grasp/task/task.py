@@ -97,8 +97,8 @@ class Task:
             yield (
                 "arm",
                 (
-                    "an arm is simulated in drake alone: leave out `arm`, or give `simulator` drake; it"
-                    f" is {world.simulator}"
+                    "an arm is simulated in drake alone: leave out `arm`, or give `simulator`"
+                    f" drake; it is {world.simulator}"
                 ),
             )
 

@@ -210,5 +210,6 @@ def test_a_shaken_palm_accelerates_like_its_path(
     rate = len(accelerations) / duration
     velocities = [shake(k / rate)[1][1] for k in range(len(accelerations))]
     wanted = np.gradient(velocities, 1.0 / rate)
-    # The springs of the wrist add some; commands that jump once a step would add twice the peak.
-    assert np.abs(accelerations - wanted).max() < 0.3 * peak
+    # The springs of the wrist, and of a cup's bellows, add up to a third; commands that jump once
+    # a step would add twice the peak.
+    assert np.abs(accelerations - wanted).max() < 0.5 * peak
