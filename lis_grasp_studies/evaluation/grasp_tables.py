@@ -19,7 +19,6 @@ from lis_grasp_studies.harness.tables import (
     Table,
     columns_by,
     grouped_table,
-    median_cell,
     split,
     where,
 )
@@ -30,7 +29,6 @@ from lis_grasp_studies.study.trial import TRIAL_COLUMNS
 REFERENCE, SUBJECT = "gpis", "blend"
 ALL = "all"
 _key = itemgetter(*TRIAL_COLUMNS, "estimator")
-_TIMES = ("grasp", "lift")
 _MOST_LOST = 12  # objects that are listed
 _CAPTION = (
     "Percent of grasps that lift the object and hold it through the shake, as planned. Dots are"
@@ -128,13 +126,10 @@ def attempts_table(rows: Sequence[Row]) -> Table:
 
 
 def stages_table(rows: Sequence[Row]) -> Table:
-    """Return the grasps held, and the times of the stages, by hand and number of touches."""
-    columns: list[Column] = [
-        ("held", _count_of),
-        *((f"{name} [s]", median_cell(f"seconds_{name}", digits=2)) for name in _TIMES),
-    ]
+    """Return the grasps held, by hand and number of touches."""
+    columns: list[Column] = [("held", _count_of)]
     groups = split([r for r in rows if r["estimator"] == SUBJECT], "hand", "touches")
-    title = f"Held, and median times of the stages, {estimator_label(SUBJECT)}"
+    title = f"Held, {estimator_label(SUBJECT)}"
     return grouped_table("stages", title, "hand | touches", groups, columns)
 
 
