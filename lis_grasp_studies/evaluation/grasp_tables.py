@@ -126,11 +126,11 @@ def attempts_table(rows: Sequence[Row]) -> Table:
 
 
 def stages_table(rows: Sequence[Row]) -> Table:
-    """Return the grasps held, by hand and number of touches."""
+    """Return the grasps held, by hand."""
     columns: list[Column] = [("held", _count_of)]
-    groups = split([r for r in rows if r["estimator"] == SUBJECT], "hand", "touches")
+    groups = split([r for r in rows if r["estimator"] == SUBJECT], "hand")
     title = f"Held, {estimator_label(SUBJECT)}"
-    return grouped_table("stages", title, "hand | touches", groups, columns)
+    return grouped_table("stages", title, "hand", groups, columns)
 
 
 def rates_chart(rows: Sequence[Row], group: Callable[[Row], str], title: str) -> Picture:
