@@ -24,7 +24,7 @@ TEMPLATE = STUDY / "results.md.in"
 _README = (
     "Held: {grasps[blend]:.0f} % on `blend`, {grasps[gpis]:.0f} % on `gpis`,"
     " {grasps[lis]:.0f} % on `lis`, {grasps[truth]:.0f} % on the true mesh, of {grasps[trials]}"
-    " simulated trials each. If `run` tests grasps by touch before the lift,"
+    " simulated trials each. Tested by touch before the lift, as `run` does,"
     " {grasps[blend x1]:.0f} % hold on `blend` and {grasps[gpis x1]:.0f} % on `gpis`; in up to"
     " three attempts after twenty touches, {grasps[blend x3]:.0f} % on both",
     "needs {tasks[ratio blend 40]:.2f} times the clearance of a Gaussian process (`gpis`) with"
