@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import reprlib
 import sys
 import warnings
@@ -42,10 +43,19 @@ def shown(value: object) -> str:
 
 
 def nearest_of(value: object, choices: Iterable[str]) -> str:
-    """Return ": did you mean '...'?" with the most similar choice, or nothing."""
-    names = {name.lower(): name for name in sorted(choices)}
-    close = difflib.get_close_matches(str(value)[:_LONGEST].lower(), names, n=1)
+    """Return ": did you mean '...'?" with the most similar choice, or nothing.
+
+    A choice whose words are all in the value comes first: ``--seed`` for ``--random-seed``.
+    """
+    names = {name.lstrip("-").lower(): name for name in sorted(choices)}
+    given = str(value)[:_LONGEST].lstrip("-").lower()
+    words = [name for name in names if {*_words(name)} <= {*_words(given)}]
+    close = [max(words, key=len)] if words else difflib.get_close_matches(given, names, n=1)
     return f": did you mean '{names[close[0]]}'?" if close else ""
+
+
+def _words(name: str) -> list[str]:
+    return re.split(r"[^a-z0-9]+", name)
 
 
 def nearest_or_all(value: object, choices: Iterable[str]) -> str:

@@ -171,6 +171,15 @@ def test_an_unknown_option_is_refused_with_the_nearest(tmp_path: Path) -> None:
         lis_grasp.estimate(CONTACTS, postion_noise=0.001)
 
 
+def test_points_and_normals_apart_are_told_how_they_go_together() -> None:
+    points, normals = CONTACTS.points, CONTACTS.normals
+    with pytest.raises(InvalidOptionError) as error:
+        lis_grasp.estimate(points, normals)  # type: ignore[arg-type]
+    assert error.value.option == "estimator"
+    assert "estimate((points, normals))" in str(error.value)
+    lis_grasp.estimate((points, normals), "gpis")
+
+
 @pytest.mark.parametrize(("count", "worth"), [(1, "no size"), (9, "little more than position")])
 def test_an_estimate_from_few_contacts_says_what_it_is_worth(count: int, worth: str) -> None:
     points = np.repeat(0.03 * AXES, 2, axis=0)[:count] + 0.01 * np.eye(12, 3)[:count]

@@ -57,7 +57,7 @@ _VERBS = (
 _CORE_VERBS = tuple(name for name, _, _ in _VERBS)
 
 # Names of options in other programs and in the Python functions.
-_GUESSED = dict.fromkeys(("--table", "--support-height", "--ground"), "--support")
+_GUESSED = dict.fromkeys(("--table", "--ground"), "--support")
 
 
 class _Parser(argparse.ArgumentParser):

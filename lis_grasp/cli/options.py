@@ -10,7 +10,7 @@ from typing import Any, get_args
 from lis_grasp.cli.progress import next_step, say, with_flags
 from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.io.option import Option, kind_of, options_of
-from lis_grasp.shapes import UNITS
+from lis_grasp.shapes import FORMATS, UNITS
 from lis_grasp.stages.contact_sources import ContactSource
 from lis_grasp.surfaces.contact_checks import NormalSide
 from lis_grasp.task.option_groups import GROUPS
@@ -238,8 +238,16 @@ def _height(text: str) -> float | str:
 def add_output(parser: argparse.ArgumentParser, default: str) -> None:
     """Add the folder of results."""
     parser.add_argument(
-        "--output", type=Path, metavar="DIR", help=f"folder of results (default: {default})"
+        "--output", type=_folder, metavar="DIR", help=f"folder of results (default: {default})"
     )
+
+
+def _folder(text: str) -> Path:
+    path = Path(text)
+    if path.suffix.lower() in FORMATS and not path.is_dir():
+        message = f"must be a folder, which gets several files; {shown(text)} is the name of a file"
+        raise argparse.ArgumentTypeError(message)
+    return path
 
 
 def add_exploration(parser: argparse.ArgumentParser, *later: str) -> None:

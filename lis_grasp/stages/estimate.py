@@ -23,6 +23,7 @@ from lis_grasp.exceptions import (
     TooManyBadContactsError,
     nearest_or_all,
     note,
+    shown,
 )
 from lis_grasp.exploration import TactileSensor
 from lis_grasp.exploration.prior import NOTHING, Prior, PriorKnowledge
@@ -302,6 +303,12 @@ def estimate(
     if views and height is None:
         message = "views are of an object on a table: give its height, support_height"
         raise InvalidOptionError(message, option="support_height")
+    if not isinstance(estimator, str) and not callable(estimator):
+        message = (
+            f"estimator must be a name or a function of contacts; it is {shown(estimator)}: points"
+            " and their normals are the first argument together, estimate((points, normals))"
+        )
+        raise InvalidOptionError(message, option="estimator", value=estimator)
     make = find_estimator(estimator) if isinstance(estimator, str) else estimator
     _require_accepted(make, str(estimator), options)
     require_noise_below_size(contacts, options.get("position_noise"))

@@ -24,6 +24,7 @@ from lis_grasp.exceptions import (
     InvalidFileError,
     InvalidHandError,
     SimulationError,
+    nearest_of,
 )
 from lis_grasp.exploration.planar_motion import planar_pose
 from lis_grasp.exploration.touch_log import read_log
@@ -333,6 +334,37 @@ def test_a_mistyped_option_gets_the_nearest_one(capsys: pytest.CaptureFixture[st
     message = capsys.readouterr().err
     assert message.startswith("lis-grasp run: unrecognized arguments: --tuches 5")
     assert "did you mean '--touches'?" in message
+
+
+@pytest.mark.parametrize(
+    ("value", "nearest"),
+    [
+        ("--tuches", "--touches"),
+        ("--random-seed", "--seed"),
+        ("--n_grasps", "--grasps"),
+        ("--positon-noise", "--position-noise"),
+        ("--headless", None),
+        ("--top", None),
+        ("--resolution", None),
+    ],
+)
+def test_only_a_similar_option_or_one_of_its_words_is_suggested(
+    value: str, nearest: str | None
+) -> None:
+    options = ["--touches", "--seed", "--hand-eye", "--grasps", "--mass", "--up", "--estimator"]
+    suggestion = nearest_of(value, [*options, "--position-noise"])
+    assert suggestion == (f": did you mean '{nearest}'?" if nearest else "")
+
+
+def test_a_file_where_a_folder_is_asked_for_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "surface.stl"
+    with pytest.raises(SystemExit) as end:
+        main(["estimate", "examples/contacts.csv", "--output", str(file)])
+    assert end.value.code == 2
+    assert "--output must be a folder" in capsys.readouterr().err
+    assert not file.exists()
 
 
 @pytest.mark.parametrize(
