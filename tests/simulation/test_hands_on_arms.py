@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 import lis_grasp
+from lis_grasp import shapes
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory
 from lis_grasp.exceptions import InvalidHandError, InvalidOptionError
@@ -94,10 +95,9 @@ def test_hands_of_five_vendors_touch_and_lift_like_the_packages_own(
     robot = {"prober": prober, "simulator": simulator}
     run = lis_grasp.run(obj, hand, folder=tmp_path, known=True, touches=6, grasps=3, **robot)
     assert run.contacts is not None
-    assert run.truth is not None
     assert len(run.contacts) >= 6
-    # Of exploration alone: a lip feels where it is pressed, up to some millimetres beside.
-    off, _ = distances_to_mesh(run.contacts.points[:6], run.truth.mesh)
+    # Of exploration alone: tests before the lift move the object, and a lip feels roughly where.
+    off, _ = distances_to_mesh(run.contacts.points[:6], shapes.find(obj).mesh)
     assert off.max() < 1e-4  # a tenth of a millimetre: the sensor is ideal
     assert run.lift is not None
     assert bool(run.grasps) == (run.lift["reason"] != "no_grasp")
