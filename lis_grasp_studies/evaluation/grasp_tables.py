@@ -19,6 +19,7 @@ from lis_grasp_studies.harness.tables import (
     Table,
     columns_by,
     grouped_table,
+    median_cell,
     split,
     where,
 )
@@ -29,6 +30,7 @@ from lis_grasp_studies.study.trial import TRIAL_COLUMNS
 REFERENCE, SUBJECT = "gpis", "blend"
 ALL = "all"
 _key = itemgetter(*TRIAL_COLUMNS, "estimator")
+_TIMES = ("touch", "estimate", "grasp", "lift")
 _MOST_LOST = 12  # objects that are listed
 _CAPTION = (
     "Percent of grasps that lift the object and hold it through the shake, as planned. Dots are"
@@ -126,11 +128,14 @@ def attempts_table(rows: Sequence[Row]) -> Table:
 
 
 def stages_table(rows: Sequence[Row]) -> Table:
-    """Return the grasps held, by hand."""
-    columns: list[Column] = [("held", _count_of)]
-    groups = split([r for r in rows if r["estimator"] == SUBJECT], "hand")
-    title = f"Held, {estimator_label(SUBJECT)}"
-    return grouped_table("stages", title, "hand", groups, columns)
+    """Return the grasps held, and the times of the stages, by hand and number of touches."""
+    columns: list[Column] = [
+        ("held", _count_of),
+        *((f"{name} [s]", median_cell(f"seconds_{name}", digits=2)) for name in _TIMES),
+    ]
+    groups = split([r for r in rows if r["estimator"] == SUBJECT], "hand", "touches")
+    title = f"Held, and median times of the stages, {estimator_label(SUBJECT)}"
+    return grouped_table("stages", title, "hand | touches", groups, columns)
 
 
 def rates_chart(rows: Sequence[Row], group: Callable[[Row], str], title: str) -> Picture:

@@ -10,12 +10,11 @@ probability are true, and how large the clearance is: goals are that probability
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
 
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.exports.outline import (
@@ -29,14 +28,14 @@ from lis_grasp.exports.outline import (
 )
 from lis_grasp.io.json_lines import Row
 from lis_grasp.typing import FloatArray
-from lis_grasp_studies.evaluation.part import Places, SeedsPart
-from lis_grasp_studies.evaluation.suction_lifts import SuctionTrial, explored
+from lis_grasp_studies.evaluation.part import SaltedPart, SaltedTrial
+from lis_grasp_studies.evaluation.suction_lifts import explored
 from lis_grasp_studies.evaluation.touched_shapes import COUNTS, estimated_mesh
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.tables import Table, split, values_of
 
 
-def measure_outlines(trial: SuctionTrial, estimator: str) -> list[Row]:
+def measure_outlines(trial: SaltedTrial, estimator: str) -> list[Row]:
     """Return a row for each number of contacts and axis."""
     shape, contacts = explored(trial)
     rows: list[Row] = []
@@ -60,18 +59,11 @@ OUTLINES = Experiment("outlines", measure_outlines, asdict)
 """The experiment; its variants are estimators."""
 
 
-class OutlinesPart(SeedsPart):
+class OutlinesPart(SaltedPart):
     """Outlines of objects with flat faces, and how true their bounds are."""
 
     measure: Literal["outlines"]
-    salt: str
-    objects: int = Field(ge=6)
     experiment: ClassVar[Experiment] = OUTLINES
-
-    def trials(self, seed: int, places: Places) -> Iterator[SuctionTrial]:
-        """Yield the trials of a seed."""
-        for number in range(self.objects):
-            yield SuctionTrial(self.salt, number, seed)
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return the reliability of both bounds."""

@@ -87,6 +87,27 @@ class SeedsPart(Part):
         raise NotImplementedError
 
 
+@dataclass(frozen=True, slots=True)
+class SaltedTrial:
+    """One object of a salt, touched with one seed."""
+
+    salt: str
+    number: int
+    seed: int
+
+
+class SaltedPart(SeedsPart):
+    """A part whose trials are those of seeds, of objects with flat faces that a salt makes."""
+
+    salt: str
+    objects: int = Field(ge=6)
+
+    def trials(self, seed: int, places: Places) -> Iterator[SaltedTrial]:
+        """Yield the trials of a seed."""
+        for number in range(self.objects):
+            yield SaltedTrial(self.salt, number, seed)
+
+
 def interleaved(groups: Groups) -> list[tuple[str, str]]:
     """Return groups and members so that each beginning has of each group about its fraction."""
     places = [

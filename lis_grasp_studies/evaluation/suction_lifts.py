@@ -14,12 +14,10 @@ loads that the planner draws (`CARRIES`). A plan without a grasp is a loss. Goal
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict
 from functools import lru_cache
 from typing import ClassVar, Literal
-
-from pydantic import Field
 
 from lis_grasp import Contacts, pipeline
 from lis_grasp.exceptions import LisGraspError
@@ -30,7 +28,7 @@ from lis_grasp.shapes import Shape, resting_poses
 from lis_grasp.shapes.mesh_distance import MeshTree
 from lis_grasp.shapes.placement import placed
 from lis_grasp.stages.plan import plan_grasps
-from lis_grasp_studies.evaluation.part import Places, SeedsPart
+from lis_grasp_studies.evaluation.part import SaltedPart, SaltedTrial
 from lis_grasp_studies.evaluation.touched_shapes import (
     TRUTH,
     estimated_mesh,
@@ -50,16 +48,7 @@ _MASS = 0.2  # [kg]
 _NO_GRASP = "no grasp"
 
 
-@dataclass(frozen=True, slots=True)
-class SuctionTrial:
-    """One object of a salt, touched with one seed."""
-
-    salt: str
-    number: int
-    seed: int
-
-
-def measure_suction(trial: SuctionTrial, estimator: str) -> Row:
+def measure_suction(trial: SaltedTrial, estimator: str) -> Row:
     """Return the first grasp that is planned on an estimate, and its lift of the true object."""
     shape, contacts = explored(trial)
     row: Row = {"object": shape.name, "family": shape.name.split("-")[0]}
@@ -84,7 +73,7 @@ def measure_suction(trial: SuctionTrial, estimator: str) -> Row:
 
 
 @lru_cache(maxsize=2)  # all estimators get the same contacts
-def explored(trial: SuctionTrial) -> tuple[Shape, Contacts]:
+def explored(trial: SaltedTrial) -> tuple[Shape, Contacts]:
     """Return the object in its likeliest resting pose, and the contacts of its exploration."""
     shape = salted_shape(trial.salt, trial.number)
     shape = placed(shape, make_pose(resting_poses(shape.mesh)[0].rotation))
@@ -95,18 +84,11 @@ SUCTION = Experiment("suction", measure_suction, asdict, modules=(DRAKE,))
 """The experiment; its variants are estimators and `TRUTH`."""
 
 
-class SuctionPart(SeedsPart):
+class SuctionPart(SaltedPart):
     """Lifts with a suction cup of objects with flat faces."""
 
     measure: Literal["suction"]
-    salt: str
-    objects: int = Field(ge=6)
     experiment: ClassVar[Experiment] = SUCTION
-
-    def trials(self, seed: int, places: Places) -> Iterator[SuctionTrial]:
-        """Yield the trials of a seed."""
-        for number in range(self.objects):
-            yield SuctionTrial(self.salt, number, seed)
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return the lifts of objects that the cup can hold, and of all."""

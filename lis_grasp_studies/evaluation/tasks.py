@@ -17,20 +17,19 @@ extents inside two standard deviations. Losses of `blend` to any other, `hull` t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
 
 from lis_grasp import Contacts, Hand
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.io.json_lines import Row
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
-from lis_grasp_studies.evaluation.part import Places, SeedsPart
+from lis_grasp_studies.evaluation.part import SaltedPart, SaltedTrial
 from lis_grasp_studies.evaluation.task_geometry import (
     FAILED,
     Surface,
@@ -73,16 +72,7 @@ _FLOOR = 2e-4  # clearances below this are equal [m]
 _LEAST_P = 0.001  # p-values below this are shown as such
 
 
-@dataclass(frozen=True, slots=True)
-class TaskTrial:
-    """One object of a salt, touched with one seed."""
-
-    salt: str
-    number: int
-    seed: int
-
-
-def measure_tasks(trial: TaskTrial, estimator: str) -> list[Row]:
+def measure_tasks(trial: SaltedTrial, estimator: str) -> list[Row]:
     """Return a row for each number of contacts."""
     shape, contacts = _explored(trial)
     return task_rows(shape, contacts, estimator, seed=trial.seed, number=trial.number)
@@ -118,7 +108,7 @@ def task_rows(
 
 
 @lru_cache(maxsize=2)  # all estimators get the same contacts
-def _explored(trial: TaskTrial) -> tuple[Shape, Contacts]:
+def _explored(trial: SaltedTrial) -> tuple[Shape, Contacts]:
     """Return the object, and the contacts of its exploration."""
     shape = salted_shape(trial.salt, trial.number)
     return shape, touched(shape, trial.seed)
@@ -137,18 +127,11 @@ TASKS = Experiment("tasks", measure_tasks, asdict)
 """The experiment; its variants are estimators, `HULL` and `TRUTH`."""
 
 
-class TasksPart(SeedsPart):
+class TasksPart(SaltedPart):
     """Tasks at the edges of objects with flat faces."""
 
     measure: Literal["tasks"]
-    salt: str
-    objects: int = Field(ge=6)
     experiment: ClassVar[Experiment] = TASKS
-
-    def trials(self, seed: int, places: Places) -> Iterator[TaskTrial]:
-        """Yield the trials of a seed."""
-        for number in range(self.objects):
-            yield TaskTrial(self.salt, number, seed)
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return the ratios of slots, losses first, and all measures."""

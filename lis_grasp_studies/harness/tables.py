@@ -67,23 +67,28 @@ class Table:
         return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
     def __format__(self, choice: str) -> str:
-        """Return some lines as Markdown; all by default.
+        """Return some lines and columns as Markdown; all by default.
 
         A choice is of conditions separated by " | ": "first 5", or texts separated by "; ", one of
-        which is a cell of the line, after "touches=" the cell in this column.
+        which is a cell of the line, after "touches=" the cell in this column. "columns hand; held"
+        keeps these columns alone.
         """
-        lines = self.body
+        lines, kept = self.body, list(range(len(self.head)))
         for condition in choice.split(" | ") if choice else ():
             column, equals, texts = condition.rpartition("=")
             if condition.startswith("first "):
                 lines = lines[: int(condition.split()[1])]
+            elif condition.startswith("columns "):
+                names = condition.removeprefix("columns ").split("; ")
+                kept = [self.head.index(name) for name in names]
             else:
                 k = self.head.index(column) if equals else None
                 wanted = {*texts.split("; ")}
                 lines = tuple(x for x in lines if wanted & ({*x} if k is None else {x[k]}))
         if not lines:
             raise ValueError(f"table {self.name} has no line {choice!r}")
-        return Table(self.name, self.title, self.head, lines).markdown().rstrip()
+        head, *body = (tuple(line[k] for k in kept) for line in (self.head, *lines))
+        return Table(self.name, self.title, head, tuple(body)).markdown().rstrip()
 
     def latex(self) -> str:
         """Return the table for LaTeX with the package booktabs."""

@@ -212,4 +212,5 @@ def test_a_shaken_palm_accelerates_like_its_path(
     wanted = np.gradient(velocities, 1.0 / rate)
     # The springs of the wrist, and of a cup's bellows, add up to a third; commands that jump once
     # a step would add twice the peak.
-    assert np.abs(accelerations - wanted).max() < 0.5 * peak
+    most = 0.3 if hand.cup is None else 0.4
+    assert np.abs(accelerations - wanted).max() < most * peak

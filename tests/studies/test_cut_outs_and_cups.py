@@ -13,9 +13,9 @@ from lis_grasp_studies.evaluation.outlines import (
     measure_outlines,
     reliability_table,
 )
+from lis_grasp_studies.evaluation.part import SaltedTrial
 from lis_grasp_studies.evaluation.suction_lifts import (
     SuctionPart,
-    SuctionTrial,
     explored,
     measure_suction,
     with_holdable,
@@ -55,7 +55,7 @@ def test_an_object_counts_if_the_cup_can_hold_it_by_its_truth() -> None:
 
 
 def test_objects_rest_on_the_table() -> None:
-    shape, contacts = explored(SuctionTrial("pepper", 5, 0))
+    shape, contacts = explored(SaltedTrial("pepper", 5, 0))
     down = np.array([0.0, 0.0, -1.0])
     assert np.allclose(rest_from(shape.mesh, down), down, atol=1e-6)
     assert len(contacts) == max(COUNTS)
@@ -63,7 +63,7 @@ def test_objects_rest_on_the_table() -> None:
 
 @pytest.mark.slow
 def test_a_cup_holds_a_prism_by_its_truth() -> None:
-    row = measure_suction(SuctionTrial("pepper", 0, 0), TRUTH)
+    row = measure_suction(SaltedTrial("pepper", 0, 0), TRUTH)
     assert row["held"] == row["seals"] == 1
     assert row["success"] == row["closure"] == 1.0
 
@@ -98,7 +98,7 @@ def test_the_reliability_is_the_fraction_of_needs_below_the_bound() -> None:
 
 
 def test_outlines_of_one_object_need_what_they_need() -> None:
-    rows = measure_outlines(SuctionTrial("pepper", 0, 0), TRUTH)
+    rows = measure_outlines(SaltedTrial("pepper", 0, 0), TRUTH)
     assert [row["axis"] for row in rows] == [*AXES, *AXES]
     needs = [row[name] for row in rows for name in ("grow", "shrink", "deviation")]
     assert max(needs) < 1e-9

@@ -85,6 +85,9 @@ def test_a_table_has_a_line_for_each_group_with_rows() -> None:
         ("y; 2", ["x 2", "y 1"]),
         ("a=x | b=1; 3", ["x 1"]),
         ("x | first 1", ["x 1"]),
+        ("columns b | x", ["1", "2"]),
+        ("columns b; a | first 1", ["1 x"]),
+        ("columns c", []),
         ("a=1", []),  # of another column
         ("c=1", []),
     ],

@@ -8,6 +8,7 @@ import trimesh
 from numpy.testing import assert_allclose
 
 from lis_grasp import Hand
+from lis_grasp_studies.evaluation.part import SaltedTrial
 from lis_grasp_studies.evaluation.task_geometry import (
     FAILED,
     Surface,
@@ -22,7 +23,6 @@ from lis_grasp_studies.evaluation.tasks import (
     COUNTS,
     HULL,
     TRUTH,
-    TaskTrial,
     measure_tasks,
     ratio_table,
     slot_ratio,
@@ -145,7 +145,7 @@ def test_rows_of_a_trial_make_the_tables() -> None:
     for number in (0, 1):
         for name in (HULL, TRUTH):
             facts = {"salt": "pepper", "number": number, "seed": 0, "estimator": name}
-            trial = TaskTrial("pepper", number, 0)
+            trial = SaltedTrial("pepper", number, 0)
             rows += [facts | row for row in measure_tasks(trial, name)]
     assert [row["count"] for row in rows[:2]] == list(COUNTS)
     assert all(row["slot"] < 1e-4 for row in rows if row["estimator"] == TRUTH)
