@@ -52,8 +52,9 @@ class BodiesBeside:
 
     def place(self, poses: Mapping[str, FloatArray]) -> None:
         """Place bodies at poses (4, 4) in W, by their names."""
-        if any(not np.array_equal(poses[b.name], b.X_EB) for b in self._bodies if b.name in poses):
-            self._bodies = self._bodies.placed(poses)
+        bodies = self._bodies.placed(poses)
+        if bodies is not self._bodies:
+            self._bodies = bodies
             self._build()
 
     def hits(self, posture: ProbePosture, path: FloatArray) -> bool:
