@@ -84,9 +84,9 @@ if OldModules not in sys.meta_path:
 __all__ = ["__version__", "pipeline", "shapes", *" ".join(_HOMES.values()).split()]
 __getattr__, __dir__ = module_names(__name__, __all__, _HOMES)
 
-if "IPython" in sys.modules:  # a notebook, or a library that loads it without a shell
-    _shell = sys.modules["IPython"].get_ipython()
-    if _shell is not None:
-        from lis_grasp._displays import register
+# A notebook, or a library that loads IPython without a shell.
+_ipython = sys.modules.get("IPython")
+if _ipython and (_shell := _ipython.get_ipython()):
+    from lis_grasp._displays import register
 
-        register(_shell.display_formatter)
+    register(_shell.display_formatter)

@@ -93,6 +93,7 @@ def lift_object(
         options,
         truth.X_EO,
         surroundings=truth.surroundings,
+        estimate=estimate,
     )
     if agent.station is not None:
         arm = plan_arm_lift(agent.station, grasp, estimate, time_step=options.time_step)
