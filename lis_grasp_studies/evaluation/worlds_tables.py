@@ -26,7 +26,7 @@ def losses_table(rows: Sequence[Row]) -> Table:
     """Return the runs beside bodies that were not held gently though held alone, one a line."""
     head = ("scene", "object", "hand", "lift", "force [N]", "pushed")
     lost = (
-        (_label(row["scene"]), row["object"], row["hand"], row["reason"])
+        (row["scene"], row["object"], row["hand"], row["reason"])
         + (f"{_force(row):.1f}", row.get("pushed") or NONE)
         for row, alone in _pairs(rows)
         if _is_held(alone) and not _is_held(row)
