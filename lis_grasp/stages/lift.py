@@ -121,8 +121,9 @@ def _simulated(
         return simulate_in_mujoco(setup, accept_grasp)
     from lis_grasp.simulation.drake.lift import simulate_lift
 
-    scheme = "cenic" if simulator == "cenic" else "discrete"
-    return simulate_lift(setup, accept_grasp, scheme=scheme)
+    return simulate_lift(
+        setup, accept_grasp, scheme="cenic" if simulator == "cenic" else "discrete"
+    )
 
 
 def lift_each(
