@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.geometry import (
@@ -27,6 +28,7 @@ _LEAST_FORCE = 0.05  # [N] of a contact that moves the object
 _ALONG, _ACROSS = 0.0003, 0.0006
 _TURNING, _FREE = 0.08, 0.004
 _TILTING, _RISING = 0.035, 0.0015
+_WEAK = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +87,10 @@ class ContactOdometry:
             moved = apply_pose(X_HW, np.array(in_world)) - start
             rows, weights = _rows(start - middle), _weights(rotate(alone, before.normals))
             information = np.einsum("cki,ckl,clj->ij", rows, weights, rows)
-            information += _own_information(X_HW[:3, 2] if stands else None)
+            # Weak, so that a motion which the links determine is not shortened.
+            information += _WEAK * _OWN_INFORMATION
+            if stands:
+                information += _on_table(X_HW[:3, 2])
             pushed = np.einsum("cki,ckl,cl->i", rows, weights, moved)
             twist = np.linalg.solve(information, pushed)
             R = Rotation.from_rotvec(twist[:3]).as_matrix()
@@ -106,7 +111,7 @@ class ContactOdometry:
 
         Contacts limit it; where none does, the object may have moved by itself.
         """
-        information = _own_information(None)
+        information = _OWN_INFORMATION.copy()
         if (now := self._touches) is not None:
             # A contact turns about its normal unnoticed, so each link counts as one point.
             each = [np.array(now.links) == link for link in dict.fromkeys(now.links)]
@@ -118,6 +123,7 @@ class ContactOdometry:
 
 
 _OF_CONTACT = ("point", "normal")
+_OWN_INFORMATION = np.diag(1.0 / np.repeat([_TURNING, _FREE], 3) ** 2)  # (6, 6)
 
 
 def _weights(normals: FloatArray) -> FloatArray:
@@ -131,14 +137,7 @@ def _rows(arms: FloatArray) -> FloatArray:
     return np.concatenate([-cross_matrix(arms), np.broadcast_to(np.eye(3), (len(arms), 3, 3))], 2)
 
 
-def _own_information(vertical: FloatArray | None) -> FloatArray:
-    """Return the information (6, 6) that an object does not move by itself.
-
-    On a table with a unit `vertical` (3,) it hardly rises or tilts.
-    """
-    own = np.diag(1.0 / np.repeat([_TURNING, _FREE], 3) ** 2)
-    if vertical is not None:
-        up = np.outer(vertical, vertical)
-        own[:3, :3] += (np.eye(3) - up) / _TILTING**2
-        own[3:, 3:] += up / _RISING**2
-    return own
+def _on_table(vertical: FloatArray) -> FloatArray:
+    """Return the information (6, 6) that an object on a table hardly rises or tilts."""
+    up = np.outer(vertical, vertical)
+    return block_diag((np.eye(3) - up) / _TILTING**2, up / _RISING**2)
