@@ -223,6 +223,15 @@ class MovingProber(Prober, Protocol):
 
 
 @runtime_checkable
+class HomingProber(Prober, Protocol):
+    """A prober whose robot stays where a probe left it, and goes home at the end."""
+
+    def go_home(self) -> float:
+        """Move the robot to its home, and return the time of the motion [s]."""
+        ...
+
+
+@runtime_checkable
 class SimulatedProber(Prober, Protocol):
     """A prober that knows the true pose of its object, for evaluation and for records alone."""
 

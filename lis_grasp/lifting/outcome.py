@@ -140,6 +140,7 @@ class LiftOutcome(Record):
     #: (4, 4), final poses of the free bodies beside the object, in W like all of this
     X_EB: Mapping[str, FloatArray] = field(default_factory=dict)
     place: PlaceOutcome | None = None  #: of an object that was held and then placed
+    seconds: Mapping[str, float] = field(default_factory=dict)  #: of each phase, in order [s]
 
     @classmethod
     def not_begun(cls, reason: Reason, X_WO: FloatArray) -> LiftOutcome:

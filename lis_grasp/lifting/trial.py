@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 
 import numpy as np
@@ -62,13 +64,15 @@ class LiftTrial:
         self._margin: float | None = None  # of the grip
         self._survived = 0.0
         self._place: PlaceOutcome | None = None
+        self._seconds: dict[str, float] = {}  # by phase
 
     def run(self) -> LiftOutcome:
         """Run the phases until one fails or all are done."""
         try:
             reason = self._run_phases()
             if reason == "held":
-                self._put_down()
+                with self._timed("put_down"):
+                    self._put_down()
         except ArmStoppedError as stopped:
             reason = stopped.reason
         except SimulationError:
@@ -94,6 +98,7 @@ class LiftTrial:
             forces=dict(self._steps.forces_beside),
             X_EB={} if diverged else dict(self._scene.poses_beside()),
             place=self._place,
+            seconds=dict(self._seconds),
         )
 
     def _run_phases(self) -> Reason:
@@ -102,17 +107,29 @@ class LiftTrial:
             *(before.settle, before.approach, before.close),
             *(self._lift, self._shake, self._hold),
         ):
-            _LOG.info("%s", phase.__name__.strip("_"))
+            name = phase.__name__.strip("_")
+            _LOG.info("%s", name)
             failure: Reason | None
             try:
-                failure = phase()
+                with self._timed(name):
+                    failure = phase()
             except BodyHitError:
                 failure = "hit_body"
             if failure is not None:
                 if self._accept_grasp is not None and failure in LOST_GRASPS:
-                    self._let_go()
+                    with self._timed("let_go"):
+                        self._let_go()
                 return failure
         return "held"
+
+    @contextmanager
+    def _timed(self, phase: str) -> Iterator[None]:
+        """Add the simulated time of a phase [s], however it ends."""
+        begin = self._scene.time
+        try:
+            yield
+        finally:
+            self._seconds[phase] = self._scene.time - begin
 
     def _lift(self) -> Reason | None:
         duration = self._options.lift_time

@@ -15,7 +15,8 @@ from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, make_pose, tangent_frame
 from lis_grasp.probing.bodies_beside import POSE_SPACING, BodiesBeside
-from lis_grasp.probing.keep_out import INSIDE, KeepOut
+from lis_grasp.probing.exposure import exposed_width
+from lis_grasp.probing.keep_out import FREE, INSIDE, KeepOut, keep_out_of
 from lis_grasp.records import Record
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import ProbePosture
@@ -45,6 +46,8 @@ _DOWN = np.deg2rad([45.0, 60.0, 75.0])
 
 # Inner links keep this far off the estimate on a motion beyond its target [m].
 _FARTHER = 0.005
+# Approaches to a search of which the nearest is taken, the least exposed ones first.
+_TOGETHER = 8
 # Number of axes that are tried before the oblique ones.
 _FIRST = 1 + len(_TILTED)
 
@@ -112,10 +115,10 @@ class ApproachPlanner:
             (posture, leading_center(hand, posture), points_H)
             for posture, points_H in zip(postures, points, strict=True)
         ]
-        self._inner: dict[str, FloatArray] = {}  # by finger; only an arm needs it
-        if station is not None:
-            inner = points_on_links(hand, joints, hand.fingertip_links)
-            self._inner = {p.finger: points for p, points in zip(postures, inner, strict=True)}
+        inner = points_on_links(hand, joints, hand.fingertip_links)
+        tips = points_on_links(hand, joints, set(hand.links) - hand.fingertip_links)
+        self._inner = {p.finger: points for p, points in zip(postures, inner, strict=True)}
+        self._tips = {p.finger: points for p, points in zip(postures, tips, strict=True)}
 
     def place_station(self, station: Station) -> None:
         """Place the station in the frame of the probes."""
@@ -138,10 +141,12 @@ class ApproachPlanner:
         if obstacles.occupies(np.array(centers)).all():
             return blocked
         first_hit: tuple[ProbePosture, FloatArray] | None = None
+        searched: list[Approach] = []
         axes = np.vstack([probe.direction, self._axes @ rotation_to_x(probe.direction)])
-        keep_out: KeepOut | None = None
-        if self._reach is not None:
-            keep_out = KeepOut(obstacles)
+        keep_out = keep_out_of(obstacles)
+        height = obstacles.space.support_height
+        searches = height is not None and probe.direction[2] == 0.0
+        if self._reach is not None or searches:
             axes = np.vstack([axes[:_FIRST], _turned_down(probe.direction), axes[_FIRST:]])
         spare: list[list[Approach]] = []
         for axis in axes:
@@ -171,20 +176,40 @@ class ApproachPlanner:
                             first_hit = first_hit or (posture, between)
                             continue
                         rolled[k] = between
-                    if keep_out is None:
-                        return rolled[k]
                     level = self._nearness(rolled[k], probe, keep_out)
-                    if level < INSIDE:
-                        (near if level else free).append(rolled[k])
+                    if level == FREE:
+                        (searched if searches else free).append(rolled[k])
+                    elif level < INSIDE or self._reach is None:
+                        near.append(rolled[k])
             spare.append(near)
             if (reached := self._reached(free, probe, obstacles, start)) is not None:
                 return reached
+        if searches and height is not None:
+            for some in self._least_exposed(searched, probe, height):
+                if (reached := self._reached(some, probe, obstacles, start)) is not None:
+                    return reached
         for near in spare:
             if (reached := self._reached(near, probe, obstacles, start)) is not None:
                 return reached
         if first_hit is None or self._beside is None:
             return blocked
         return f"{blocked}: {self._beside.in_the_way(*first_hit)} is in the way"
+
+    def _least_exposed(
+        self, approaches: list[Approach], probe: Probe, height: float
+    ) -> Iterator[list[Approach]]:
+        """Yield the approaches to a search above a table, some at once, the least exposed first."""
+
+        def exposed(approach: Approach) -> float:
+            inner, tips = (
+                apply_pose(approach.X_OH, points[approach.posture.finger])
+                for points in (self._inner, self._tips)
+            )
+            return exposed_width(inner, tips, probe.direction, height)
+
+        best = sorted(approaches, key=exposed)
+        for k in range(0, len(best), _TOGETHER):
+            yield best[k : k + _TOGETHER]
 
     def _between(
         self, approach: Approach, probe: Probe, obstacles: ObstacleModel, beside: BodiesBeside
@@ -225,7 +250,7 @@ class ApproachPlanner:
     ) -> Approach | None:
         """Return one of the approaches that the arm can follow, the nearest to its start."""
         if self._reach is None or not approaches:
-            return None
+            return approaches[0] if approaches else None
         reached = self._reach.first(
             np.array([approach.X_OH for approach in approaches]),
             np.array([approach.posture.joint_positions for approach in approaches]),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -11,10 +11,11 @@ import trimesh
 
 from lis_grasp.arms.reach import ArmPlace
 from lis_grasp.arms.station import Station
+from lis_grasp.arms.trajectory import JointTrajectory
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import PROBE_SPEED
-from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate, unit
 from lis_grasp.motion import OBJECT
 from lis_grasp.probing.approach_planner import NO_FREE_START, Approach, leading_center
@@ -85,6 +86,7 @@ class GuardedMotion:
         self._X_OE: FloatArray | None = None  # None for the identity
         #: where an arm is; None at home
         self.arm_at: ArmPlace | None = None
+        self._space: Workspace | None = None  # of the last probe
 
     def place_object(self, X_EO: FloatArray) -> None:
         """Place the true object at a pose, shape (4, 4)."""
@@ -115,6 +117,23 @@ class GuardedMotion:
         """Place the station of the arm in the frame E."""
         self._planner.place_station(station)
 
+    def resume(self, recorded: Sequence[ProbeOutcome]) -> None:
+        """Begin where the last of the recorded probes that moved left the arm."""
+        moved = [outcome for outcome in recorded if outcome.duration > 0.0]
+        if moved and len(moved[-1].left_at):
+            self.arm_at = self._planner.arm_place(moved[-1].left_at)
+
+    def way_home(self) -> JointTrajectory | None:
+        """Return the arm's path home, if it is not there; None without a path too."""
+        if self.arm_at is None or self._space is None:
+            return None
+        return self._planner.way_home(self.arm_at, self._space)
+
+    def go_home(self) -> float:
+        """Move the arm home; return the time [s]."""
+        way, self.arm_at = self.way_home(), None
+        return 0.0 if way is None else way.duration
+
     def run(self, probe: Probe, obstacles: ObstacleModel | None = None) -> Course | str:
         """Move up to the first contact; return the course, or the reason that blocks the probe.
 
@@ -129,6 +148,7 @@ class GuardedMotion:
             approach = started
         else:
             obstacles = self._planner.kept_off(obstacles)
+            self._space = obstacles.space
             planned = self._planner.approach(probe, obstacles, self.arm_at)
             if isinstance(planned, str):
                 return planned

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy import ndimage
 
@@ -19,6 +21,12 @@ _SLOW_DEVIATIONS, _SLOW_LEAST, _SLOW_LARGEST = 3.0, 0.012, 0.06
 
 FREE, NEAR, INSIDE = range(3)
 """Places that are off the estimate, within its uncertainty, and inside of it."""
+
+
+@lru_cache(maxsize=1)
+def keep_out_of(obstacles: ObstacleModel) -> KeepOut:
+    """Return the space at an estimated object; the last one is kept."""
+    return KeepOut(obstacles)
 
 
 class KeepOut:

@@ -26,7 +26,7 @@ from lis_grasp.geometry import apply_pose
 from lis_grasp.probing.approach_planner import Approach, ApproachPlanner, points_on_links
 from lis_grasp.probing.bodies_beside import BodiesBeside
 from lis_grasp.probing.course import Leg
-from lis_grasp.probing.keep_out import KeepOut
+from lis_grasp.probing.keep_out import KeepOut, keep_out_of
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
@@ -142,6 +142,11 @@ class ProbePlanner:
         begin, q_hand = approach.arm.approach[0], approach.posture.joint_positions
         return self._transits.between(start, begin, q_hand, space) or NO_ARM_TRANSIT
 
+    def arm_place(self, left_at: FloatArray) -> ArmPlace:
+        """Return where an arm rests at joint positions of arm and hand, (J + K,)."""
+        ahead = len(left_at) - len(self.hand.joint_names)
+        return ArmPlace(left_at[:ahead], left_at[ahead:])
+
     def way_home(self, start: ArmPlace, space: Workspace) -> JointTrajectory | None:
         """Return an arm's path home, or None."""
         return None if self._transits is None else self._transits.way_home(start, space)
@@ -163,7 +168,7 @@ class ProbePlanner:
         ahead = Leg(X_OH, along, length, speed, q_arm=q_ahead)
         if obstacles is None:
             return way_in, ahead
-        keep_out = KeepOut(obstacles)
+        keep_out = keep_out_of(obstacles)
         if not keep_out.is_known:
             speed = max(speed, searching)
         points = self._points[approach.posture.finger]

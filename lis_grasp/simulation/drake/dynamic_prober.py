@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -207,6 +208,19 @@ class DynamicProber:
         except ArmStoppedError:  # recorded; what was touched is known
             self._motion.arm_at, outcome = None, replace(outcome, left_at=np.empty(0))
         return outcome
+
+    def resume(self, recorded: Sequence[ProbeOutcome]) -> None:
+        """Begin where the last of the recorded probes left the arm."""
+        self._motion.resume(recorded)
+
+    def go_home(self) -> float:
+        """Move the arm home; see `HomingProber`."""
+        way, place = self._motion.way_home(), self._motion.arm_at
+        if way is not None and place is not None and self._ways is not None:
+            with suppress(ArmStoppedError):  # recorded
+                X_WO = self._X_WE @ self._X_EO
+                self._ways.run(way, place.q_hand, X_WO, beside=self._free_poses)
+        return self._motion.go_home()
 
     def _stopped(self, missed: ProbeOutcome, stopped: ArmStoppedError) -> ProbeOutcome:
         """Return the outcome of a probe whose arm stopped: it is taken home."""
