@@ -55,9 +55,7 @@ def _words(text: str) -> str:
     return " ".join(text.replace("**", "").split())
 
 
-def test_rows_are_of_one_commit_those_of_tested_grasps_tasks_cut_outs_and_worlds_of_later_ones() -> (
-    None
-):
+def test_rows_are_of_one_commit_and_parts_of_later_ones_say_theirs() -> None:
     later = {"tasks": "tasks", "suction": "cups", "outlines": "cups", "heavy": "tested"}
     later |= {"worlds": "worlds"}
     commits: dict[str, set[tuple[str, str]]] = {

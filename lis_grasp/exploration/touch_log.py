@@ -168,6 +168,8 @@ def _row(probe: LoggedProbe) -> Row:
     row |= {"X_OH": None, "joint_positions": None} if hand_pose is None else fields_of(hand_pose)
     row |= {"dropped": observation.dropped} if len(observation.dropped) else {}
     row |= {"slid": outcome.slid} if outcome.slid else {}
+    row |= {"seconds": dict(outcome.seconds)} if outcome.seconds else {}
+    row |= {"left_at": outcome.left_at} if len(outcome.left_at) else {}
     row |= beside_rows(observation)
     row |= {} if belief is None else {"tracked_pose": belief.as_dict()}
     row |= {} if probe.X_EO is None else {"simulated_pose": probe.X_EO}
@@ -217,6 +219,8 @@ def _probe_of(row: TouchEntry) -> LoggedProbe:
         np.array(row.free_radii),
         None if row.X_OH is None else HandPose(np.array(row.X_OH), np.array(row.joint_positions)),
         row.slid,
+        row.seconds,
+        np.array(row.left_at),
     )
     tracked = row.tracked_pose
     belief = None if tracked is None else PoseBelief.from_dict(tracked.model_dump())
@@ -292,4 +296,6 @@ class TouchEntry(FileRecord):
     refused: list[RefusedEntry] = Field(default_factory=list)
     slides: list[Vector] = Field(default_factory=list)
     slid: Annotated[int, Field(ge=0)] = 0
+    seconds: dict[str, Annotated[float, Field(ge=0.0)]] = Field(default_factory=dict)
+    left_at: list[Number] = Field(default_factory=list)
     disturbance: DisturbanceEntry | None = None
