@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from lis_grasp.meshing import extract_mesh as extract_mesh
     from lis_grasp.pipeline.direct import explore as explore
     from lis_grasp.pipeline.direct import lift as lift
+    from lis_grasp.pipeline.direct import next_touch as next_touch
     from lis_grasp.pipeline.direct import plan as plan
     from lis_grasp.pipeline.direct import run as run
     from lis_grasp.pipeline.names_of_2 import RunConfig as RunConfig
@@ -66,7 +67,7 @@ _HOMES = {
     "meshing": "extract_mesh",
     "pipeline": "",
     "pipeline.names_of_2": "RunConfig",
-    "pipeline.direct": "explore lift plan run",
+    "pipeline.direct": "explore lift next_touch plan run",
     "results.run_results": "Run",
     "robots.hand": "Hand",
     "shapes": "Shape",
