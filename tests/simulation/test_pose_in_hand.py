@@ -140,7 +140,9 @@ def test_links_that_move_together_carry_the_object_along() -> None:
     assert angle < 0.01 * np.linalg.norm(way[:3])
 
 
-def test_a_cylinder_between_plates_that_move_oppositely_rolls_by_their_way_over_its_radius() -> None:
+def test_a_cylinder_between_plates_that_move_oppositely_rolls_by_their_way_over_its_radius() -> (
+    None
+):
     radius, way = 0.02, 0.005
     up, x, y = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
@@ -171,7 +173,9 @@ def test_an_object_that_nothing_touches_stays_on_its_table_while_the_palm_rises(
 def test_one_point_on_each_jaw_leaves_the_turn_about_their_line_free() -> None:
     odometry = ContactOdometry(np.eye(4), np.eye(4), np.zeros(3))
     x = np.array([1.0, 0.0, 0.0])
-    touching = [contact(link, sign * 0.03 * x, sign * x) for link, sign in (("l", -1.0), ("r", 1.0))]
+    touching = [
+        contact(link, sign * 0.03 * x, sign * x) for link, sign in (("l", -1.0), ("r", 1.0))
+    ]
     odometry.update(np.eye(4), lambda link: np.eye(4), touching, stands=False)
     about = np.sqrt(np.diag(odometry.covariance())[:3])
     # About y and z: two points at 3 cm of deviation 0.6 mm across.
