@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.geometry import (
@@ -22,13 +21,14 @@ from lis_grasp.geometry import (
 from lis_grasp.lifting.scene import HandContact
 from lis_grasp.typing import FloatArray
 
-_LEAST_FORCE = 0.05  # [N] of a contact that moves the object
 # Deviations of an object's motion from that of a link that touches it, along the normal and across
-# [m]; of its motion by itself [rad, m]; and of the tilt and rise of one that stands on a table.
+# [m]; and of its motion by itself [rad, m].
 _ALONG, _ACROSS = 0.0003, 0.0006
 _TURNING, _FREE = 0.08, 0.004
-_TILTING, _RISING = 0.035, 0.0015
+# Weight of the latter while the links move it, so that no motion that they determine is shortened.
 _WEAK = 0.01
+
+_OWN_INFORMATION = np.diag(1.0 / np.repeat([_TURNING, _FREE], 3) ** 2)  # (6, 6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,23 +87,18 @@ class ContactOdometry:
             moved = apply_pose(X_HW, np.array(in_world)) - start
             rows, weights = _rows(start - middle), _weights(rotate(alone, before.normals))
             information = np.einsum("cki,ckl,clj->ij", rows, weights, rows)
-            # Weak, so that a motion which the links determine is not shortened.
             information += _WEAK * _OWN_INFORMATION
-            if stands:
-                information += _on_table(X_HW[:3, 2])
             pushed = np.einsum("cki,ckl,cl->i", rows, weights, moved)
             twist = np.linalg.solve(information, pushed)
             R = Rotation.from_rotvec(twist[:3]).as_matrix()
             self.X_HO = make_pose(R, middle + twist[3:] - R @ middle) @ self.X_HO
-        felt = [contact for contact in contacts if contact.strength >= _LEAST_FORCE]
         self._touches = None
-        if felt:
-            points, normals = (np.array([getattr(c, name) for c in felt]) for name in _OF_CONTACT)
+        if contacts:
             self._touches = _Touches(
-                tuple(contact.link for contact in felt),
-                np.array([apply_inverse(X_WL(contact.link), contact.point) for contact in felt]),
-                apply_pose(X_HW, points),
-                rotate_back(X_WH, normals),
+                tuple(contact.link for contact in contacts),
+                np.array([apply_inverse(X_WL(each.link), each.point) for each in contacts]),
+                apply_pose(X_HW, np.array([contact.point for contact in contacts])),
+                rotate_back(X_WH, np.array([contact.normal for contact in contacts])),
             )
 
     def covariance(self) -> FloatArray:
@@ -122,10 +117,6 @@ class ContactOdometry:
         return np.asarray(np.linalg.inv(information))
 
 
-_OF_CONTACT = ("point", "normal")
-_OWN_INFORMATION = np.diag(1.0 / np.repeat([_TURNING, _FREE], 3) ** 2)  # (6, 6)
-
-
 def _weights(normals: FloatArray) -> FloatArray:
     """Return the inverse covariances (C, 3, 3) of motions over links, by normals (C, 3)."""
     along = normals[:, :, None] * normals[:, None, :]
@@ -135,9 +126,3 @@ def _weights(normals: FloatArray) -> FloatArray:
 def _rows(arms: FloatArray) -> FloatArray:
     """Return how a twist moves points at arms (C, 3) from the centre, shape (C, 3, 6)."""
     return np.concatenate([-cross_matrix(arms), np.broadcast_to(np.eye(3), (len(arms), 3, 3))], 2)
-
-
-def _on_table(vertical: FloatArray) -> FloatArray:
-    """Return the information (6, 6) that an object on a table hardly rises or tilts."""
-    up = np.outer(vertical, vertical)
-    return block_diag((np.eye(3) - up) / _TILTING**2, up / _RISING**2)

@@ -99,6 +99,7 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
             f"lifted    {lift['mass']:.3g} kg, and held through the shake;"
             f" slip {1e3 * lift['slip']:.1f} mm, turn {degrees(lift['turn']):.1f} deg"
         )
+        lines += _pose_lines(lift)
     else:
         lifted = "lifted, but not held" if lift["lifted"] else "not held"
         no_grasp = lift["reason"] == "no_grasp"
@@ -126,6 +127,18 @@ def _view_lines(facts: Mapping[str, Any]) -> list[str]:
     return [
         f"seen      by {counted(pixels, 'pixel')}; its place is {certain}, to {before:.1f} before"
     ]
+
+
+def _pose_lines(lift: Mapping[str, Any]) -> list[str]:
+    """Return how well the hand knows by touch where the object is in it, if it does."""
+    facts = lift.get("pose_in_hand")
+    if facts is None:
+        return []
+    known, off = (
+        f"{1e3 * facts[name]['position']:.1f} mm and {degrees(facts[name]['angle']):.1f} deg"
+        for name in ("band", "error")
+    )
+    return [f"in hand   known by touch to {known} (95 %); the error is {off}"]
 
 
 def _world_lines(report: Mapping[str, Any]) -> list[str]:

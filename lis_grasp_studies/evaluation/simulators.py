@@ -30,7 +30,7 @@ from lis_grasp_studies.study.run import (
 from lis_grasp_studies.study.trial import TRUTH, Trial, columns_of
 
 _OUTCOME = ("held", "lifted", "reason", "slip", "turn")
-_LABELS = {"drake": "Drake", "mujoco": "MuJoCo"}
+_LABELS = {"drake": "Drake", "cenic": "CENIC", "mujoco": "MuJoCo"}
 _KEY = ("object", "hand", "seed", "estimator")
 
 
