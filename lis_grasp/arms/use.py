@@ -33,9 +33,8 @@ class ArmUse:
 
     Unwanted are contacts of the arm's links with anything; of the hand with a body beside the
     object, and with the table, except of fingertips that a lift plans to slide on it; of the object
-    with links other than fingertips and pads in a lift; and, on a transit or the approach to a
-    grasp, of the object with any link of the hand. In a touch every link of the hand may touch the
-    object.
+    with links other than fingertips and pads; and, on a transit or the approach to a grasp, of the
+    object with any link of the hand.
     """
 
     effort: float = 0.0  #: largest fraction of a joint's effort limit

@@ -9,6 +9,7 @@ from typing import Any
 
 from lis_grasp.arms.use import violations
 from lis_grasp.exceptions import counted
+from lis_grasp.results.motion_times import times_line
 from lis_grasp.results.placed import place_lines
 
 # Below this intersection over union the estimate is called poor.
@@ -106,6 +107,8 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
         why = no_grasp_sentence(grasps["rejections"], grasps.get("hit_bodies")) if no_grasp else why
         lines.append(f"{lifted}: {why}")
     lines += place_lines(report) + _world_lines(report)
+    if "motion" in report:  # older reports have none
+        lines.append(times_line(report["motion"]))
     if "arm" in report:
         lines.append(_arm_line(report))
     return tuple(lines)
@@ -161,6 +164,9 @@ def headline(report: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     if report["surface"]["rmsd"] is not None:
         numbers.append((f"{1e3 * report['surface']['rmsd']:.1f} mm", "error of the estimate"))
     numbers.append((f"{report['touches']}", "touches"))
+    times = report.get("motion", {})
+    if times.get("until_lifted") is not None:
+        numbers.append((f"{times['until_lifted']:.0f} s", "of motion until it was lifted"))
     if predicted is not None:
         numbers.append((f"{100 * predicted:.0f} %", "predicted success"))
     return tuple(numbers)

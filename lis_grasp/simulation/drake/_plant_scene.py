@@ -79,10 +79,13 @@ class PlantScene:
         )
         added: tuple[MultibodyPlant, Any] = AddMultibodyPlant(config, self._builder)
         self.plant, self._scene_graph = added
+        self._is_sampled = bool(config.use_sampled_output_ports)
         self.time_step = time_step
         self.steps = 0
         #: largest force [N] on each body beside the object so far, by who pushed it
         self.pushes: dict[tuple[str, Pusher], float] = {}
+        #: forces [N] in the last step, likewise
+        self.forces_beside: Mapping[tuple[str, Pusher], float] = {}
         self._unmoved: FilterId | None = None
         self._is_object_locked = False
         #: free bodies beside the object that are locked where they are
@@ -202,7 +205,8 @@ class PlantScene:
 
     def _unlock_touched(self) -> None:
         """Free the locked bodies beside the object that something touches."""
-        assert self.surroundings is not None
+        if self.surroundings is None or not self.resting:
+            return
         touched = self.resting & self.surroundings.touched(self._results())
         if touched:
             self.resting -= touched
@@ -244,16 +248,16 @@ class PlantScene:
         self.steps += 1
         time, self._velocity = self.steps * self.time_step, self._object_velocity()
         try:
+            # Ports that are not sampled have the forces of the next step, whose solution it uses.
+            if not self._is_sampled:
+                self._note_contacts()
             self.simulator.AdvanceTo(time)
+            if self._is_sampled:
+                self._note_contacts()
         except (RuntimeError, SystemExit) as error:  # SystemExit: an assertion of Drake's failed
             reason = str(error).splitlines()[0]
             message = f"the simulation of {of} failed at {time:.3f} s: {reason}"
             raise SimulationError(message) from None
-        if self.surroundings is not None:
-            for pushed, force in self.forces_beside().items():
-                self.pushes[pushed] = max(force, self.pushes.get(pushed, 0.0))
-            if self.resting:
-                self._unlock_touched()
 
     def object_force(self) -> FloatArray:
         """Return the mean force (3,) [N] of all contacts on the object in the last step, in W.
@@ -276,11 +280,14 @@ class PlantScene:
         )
         return velocity
 
-    def forces_beside(self) -> dict[tuple[str, Pusher], float]:
-        """Return the forces [N] on the bodies beside the object now, by who pushes them."""
+    def _note_contacts(self) -> None:
+        """Free locked bodies that are touched, and note the forces on bodies beside the object."""
         if self.surroundings is None:
-            return {}
-        return self.surroundings.forces(self._results(), self._pushers)
+            return
+        self._unlock_touched()
+        self.forces_beside = self.surroundings.forces(self._results(), self._pushers)
+        for pushed, force in self.forces_beside.items():
+            self.pushes[pushed] = max(force, self.pushes.get(pushed, 0.0))
 
     @property
     def largest_pushes(self) -> dict[str, float]:
@@ -296,6 +303,7 @@ class PlantScene:
 
     def touch(self) -> Contacts:
         """Return what the touch sensor feels now: flat parts of contacts, in W."""
+        self._unlock_touched()
         port, context = self._touch
         felt: Contacts = port.Eval(context)
         return felt

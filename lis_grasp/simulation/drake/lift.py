@@ -218,13 +218,13 @@ class LiftScene:
 
     def _is_touched(self) -> bool:
         """Return whether the hand, or a body beside the object, touches it."""
-        by_body = any(who == "object" for _, who in self._scene.forces_beside())
+        by_body = any(who == "object" for _, who in self._scene.forces_beside)
         return by_body or bool(self.contacts())
 
     def forces_beside(self) -> dict[str, float]:
         """Return the forces [N] of hand, arm and object on bodies beside the object now."""
         sums: dict[str, float] = {}
-        for (name, _), force in self._scene.forces_beside().items():
+        for (name, _), force in self._scene.forces_beside.items():
             sums[name] = sums.get(name, 0.0) + force
         return sums
 
