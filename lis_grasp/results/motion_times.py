@@ -29,7 +29,7 @@ def motion_times(exploration: Exploration, attempts: Sequence[Attempt]) -> dict[
     total = sum(touching.values()) + sum(lifting.values()) + again
     last = attempts[-1].outcome
     until = None
-    if last is not None and last.lifted:
+    if last is not None and last.lifted and "lift" in last.seconds:
         rise = list(last.seconds).index("lift")
         until = total - sum(list(last.seconds.values())[rise + 1 :])
     return {
