@@ -19,7 +19,8 @@ def motion_times(exploration: Exploration, attempts: Sequence[Attempt]) -> dict[
     """
     touching: dict[str, float] = {}
     for outcome in exploration.outcomes:
-        _add(touching, outcome.seconds or {"other": outcome.duration})
+        untold = {"other": outcome.duration} if outcome.duration else {}
+        _add(touching, outcome.seconds or untold)
     _add(touching, {"home": exploration.homeward})
     lifting: dict[str, float] = {}
     for attempt in attempts:
