@@ -25,6 +25,7 @@ from lis_grasp.typing import FloatArray
 # [m]; and of its motion by itself [rad, m].
 _ALONG, _ACROSS = 0.0003, 0.0006
 _TURNING, _FREE = 0.08, 0.004
+_LEAST_FORCE = 1e-6  # [N], so that contacts without a force have no weight
 # Weight of the latter while the links move it, so that no motion that they determine is shortened.
 _WEAK = 0.01
 
@@ -33,12 +34,13 @@ _OWN_INFORMATION = np.diag(1.0 / np.repeat([_TURNING, _FREE], 3) ** 2)  # (6, 6)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Touches:
-    """C contacts: the links, the points fixed on them in L and in H [m], and the normals in H."""
+    """C contacts: the links, the points fixed on them in L and in H [m], the normals in H."""
 
     links: tuple[str, ...]
     p_L: FloatArray  # (C, 3)
     points: FloatArray  # (C, 3)
     normals: FloatArray  # (C, 3)
+    grips: FloatArray  # (C,): forces as fractions of the largest
 
 
 class ContactOdometry:
@@ -85,7 +87,9 @@ class ContactOdometry:
             at = [X_WL(link) for link in before.links]
             in_world = [apply_pose(X, p) for X, p in zip(at, before.p_L, strict=True)]
             moved = apply_pose(X_HW, np.array(in_world)) - start
-            rows, weights = _rows(start - middle), _weights(rotate(alone, before.normals))
+            # What slides over the object pushes it less than what holds it.
+            weights = before.grips[:, None, None] * _weights(rotate(alone, before.normals))
+            rows = _rows(start - middle)
             information = np.einsum("cki,ckl,clj->ij", rows, weights, rows)
             information += _WEAK * _OWN_INFORMATION
             pushed = np.einsum("cki,ckl,cl->i", rows, weights, moved)
@@ -94,11 +98,13 @@ class ContactOdometry:
             self.X_HO = make_pose(R, middle + twist[3:] - R @ middle) @ self.X_HO
         self._touches = None
         if contacts:
+            forces = np.array([contact.strength for contact in contacts])
             self._touches = _Touches(
                 tuple(contact.link for contact in contacts),
                 np.array([apply_inverse(X_WL(each.link), each.point) for each in contacts]),
                 apply_pose(X_HW, np.array([contact.point for contact in contacts])),
                 rotate_back(X_WH, np.array([contact.normal for contact in contacts])),
+                forces / max(forces.max(), _LEAST_FORCE),
             )
 
     def covariance(self) -> FloatArray:
