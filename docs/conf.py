@@ -42,6 +42,7 @@ extensions = [
     "sphinx.ext.viewcode",
     "sphinxarg.ext",
     "sphinx_design",
+    "sphinx_llm_friendly",
 ]
 exclude_patterns = ["_build"]
 

@@ -32,8 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     opt.add_mesh(parser)
     opt.add_support_option(
         parser,
-        "height of the plane below the object (default: as recorded: of an estimate, that of"
-        " the table, else of the lowest contact; of another MESH its lowest point)",
+        "height of the plane below the object, or none for an object that is held in the air"
+        " (default: as recorded: of an estimate, that of the table, else of the lowest contact; of"
+        " another MESH its lowest point)",
     )
     parser.add_argument(
         "--isaac", action="store_true", help="also write grasps.isaac.yaml, for Isaac Sim"
@@ -105,9 +106,7 @@ def execute(options: argparse.Namespace) -> int:
         say(f"wrote {folder}: copy hand/lis_{hand.name}.yaml to the benchmark's config/hand, then")
         say(f"  python src/main.py task=eval hand=lis_{hand.name} save_dir={folder}")
     if not made.search.grasps:
-        shows = "lis-grasp view {} shows the surface; then another hand,"
-        say(next_step(shows, made.path.parent))
-        say("  or what the most frequent reason above names")
+        say("next: another hand, or what the most frequent reason above names")
         return 1
     known = "object" in made.recorded
     lift, view = ("lis-grasp lift {}", made.path), ("lis-grasp view {}", made.path.parent)

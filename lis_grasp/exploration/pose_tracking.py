@@ -147,8 +147,9 @@ class PoseTracker:
         same = [o for o in recent.landmarks if np.array_equal(o.probe.target, target)]
         same = [o for o in same if _turned_alike(o.hand_pose, outcome.hand_pose)]
         place = next((landmark.contacts.subset([0]) for landmark in same if repeated), None)
-        if place is not None:  # missed, or met on another side
+        if place is not None:  # missed, or met on another side; an edge has two sides
             alike = contacts.normals @ place.normals[0] > _SAME_SIDE
+            alike |= np.linalg.norm(contacts.points - place.points[0], axis=1) < _FAR
             contradicted |= outcome.status == "missed" or (len(alike) > 0 and not alike.any())
         push = push_of(contacts, state.known) if len(contacts) else None
         usable, suspicious = True, False

@@ -23,6 +23,7 @@ from lis_grasp.exploration.observations import Observation
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, ProbeStatus
 from lis_grasp.geometry import require_pose
+from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import Row, append_lines, read_lines
 from lis_grasp.io.schemas import FileRecord, Number, Pose, Vector, checked
 from lis_grasp.records import Record, fields_of
@@ -115,6 +116,12 @@ class TouchLog:
     def end(self, reason: str) -> None:
         """Mark the exploration as ended, with the reason."""
         append_lines(self.path, self._header(), [{_END: reason}])
+
+    def go_on(self) -> None:
+        """Replace the header of a log of fewer touches by this one, and remove the end."""
+        _, rows = read_lines(self.path)
+        with whole_file(self.path) as temporary:
+            append_lines(temporary, self._header(), [row for row in rows if _END not in row])
 
     def _header(self) -> Row:
         return {"touch_log": 1, **self.facts}

@@ -9,6 +9,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.geometry import apply_pose
+from lis_grasp.lifting.felt_object import FeltObject
 from lis_grasp.lifting.finger_control import SEARCH_SPEED
 from lis_grasp.lifting.grip import grip_of
 from lis_grasp.lifting.object_in_hand import ObjectInHand
@@ -57,7 +58,8 @@ class Closing:
             self._arrival = self.retreat * min(SEATING / self._options.standoff, 1.0)
         scene.place_hand(self.retreat, np.asarray(setup.grasp.pregrasp_positions))
         self.closed, self.measured = False, Contacts.empty()
-        self.object, self.steps = ObjectInHand(scene, setup), Steps(scene, setup)
+        self.object, self.felt = ObjectInHand(scene, setup), FeltObject(scene, setup)
+        self.steps = Steps(scene, setup, self.felt.update)
 
     def settle(self) -> Reason | None:
         """Wait until the object rests; return why the trial failed."""
@@ -107,6 +109,7 @@ class Closing:
     def close(self) -> Reason | None:
         """Close the hand and squeeze; return why the trial failed."""
         self._scene.carrier.expect_contact()
+        self.felt.begin()
         if self._setup.hand.seated_fingers:
             self._seat()
         interval, floor = 1.0 / CONTROL_RATE, self.here[2]

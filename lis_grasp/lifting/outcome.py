@@ -13,6 +13,7 @@ from lis_grasp.arms.use import ArmReason, ArmUse
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_at_least, require_positive
 from lis_grasp.lifting.place_plan import PlaceOutcome
+from lis_grasp.lifting.pose_in_hand import PoseInHand
 from lis_grasp.motion import OBJECT, Motion
 from lis_grasp.records import Record
 from lis_grasp.typing import FloatArray
@@ -83,6 +84,9 @@ class LiftOptions:
     largest_push: float = 0.01
     time_step: float = 0.005  #: of the simulation
     frame_rate: float = 30.0  #: of the recorded motion [Hz]
+    #: standard deviations of the object's place before the lift, as known: of x and y [m], and of
+    #: its turn about the vertical [rad]
+    place_deviations: tuple[float, float] = (0.001, 0.02)
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -140,6 +144,11 @@ class LiftOutcome(Record):
     #: (4, 4), final poses of the free bodies beside the object, in W like all of this
     X_EB: Mapping[str, FloatArray] = field(default_factory=dict)
     place: PlaceOutcome | None = None  #: of an object that was held and then placed
+    #: pose of a lifted object in the palm as the hand felt it, after the last phase in which it was
+    #: in the hand; O is the frame in which the grasp was planned
+    pose_in_hand: PoseInHand | None = None
+    #: its distance [m] and angle [rad] from the true one
+    pose_error: tuple[float, float] | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)  #: of each phase, in order [s]
 
     @classmethod

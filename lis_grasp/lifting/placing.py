@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lis_grasp.geometry import inverse_pose
 from lis_grasp.lifting.closing import SETTLE_TIME
 from lis_grasp.lifting.grip import Grip
 from lis_grasp.lifting.object_in_hand import ObjectInHand
@@ -18,6 +19,7 @@ from lis_grasp.lifting.place_plan import (
     errors_of_place,
     reason_of_place,
 )
+from lis_grasp.lifting.pose_in_hand import PoseInHand
 from lis_grasp.lifting.scene import BodyHitError, LiftingScene, Steps
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import WristPath, displaced, line, rest_at
@@ -42,7 +44,7 @@ class Placing:
     """The phases of placing, from the place `here` (6,) of the palm in the grasp, raised by `rise`.
 
     `X_WO` (4, 4) is the true pose before the lift: the plan moves the object from there. The object
-    is believed to be in the hand as it was when the fingers closed.
+    is believed to be in the hand at the `pose` that it felt, or as it was when the fingers closed.
     """
 
     def __init__(
@@ -54,9 +56,10 @@ class Placing:
         steps: Steps,
         control: Grip,
         held: ObjectInHand,
+        pose: PoseInHand | None,
     ) -> None:
         self._scene, self._setup, self._plan = scene, setup, plan
-        self._steps, self._control, self._object = steps, control, held
+        self._steps, self._control, self._object, self._pose = steps, control, held, pose
         self._felt: float | None = None
 
     def run(self, here: FloatArray, rise: FloatArray, retreat: FloatArray) -> PlaceOutcome:
@@ -69,7 +72,7 @@ class Placing:
 
     def _place(self, here: FloatArray, rise: FloatArray, retreat: FloatArray) -> PlaceReason | None:
         """Run the phases; return why they failed, None if the object has been let go."""
-        goal = placed_wrist(self._setup.X_WB, here, self._plan.motion)
+        goal = placed_wrist(self._setup.X_WB, self._held_at(here), self._plan.motion)
         carry = _up(self._plan.carry)
         _LOG.info("carry")
         way = [here + rise, here + carry, goal + carry, self._above(goal)]
@@ -86,6 +89,12 @@ class Placing:
         _LOG.info("let go")
         self._release(here, retreat, goal)
         return "not_released" if self._object.touching_links() else None
+
+    def _held_at(self, here: FloatArray) -> FloatArray:
+        """Return the pose (4, 4) of the hand's base link in the object as it is held."""
+        if self._pose is None:
+            return displaced(self._setup.X_WB, here)
+        return inverse_pose(self._setup.hand.X_LH @ self._pose.X_HO)
 
     def _move(self, start: FloatArray, end: FloatArray) -> None:
         """Carry the object along a straight line of displacements (6,)."""
@@ -156,13 +165,12 @@ class Placing:
         return PlaceOutcome(reason or reason_of_place(*errors), self._plan, *errors, self._felt)
 
 
-def placed_wrist(X_WB: FloatArray, here: FloatArray, motion: FloatArray) -> FloatArray:
+def placed_wrist(X_WB: FloatArray, X_OB: FloatArray, motion: FloatArray) -> FloatArray:
     """Return the displacement (6,) of the wrist that a motion (4, 4) of the object takes it to.
 
-    X_WB (4, 4) is the hand's base link in the grasp, displaced to `here` (6,) when it closed.
+    X_WB (4, 4) is the hand's base link in the planned grasp, X_OB (4, 4) in the held object.
     """
-    start = displaced(X_WB, here)
-    end = motion @ start
+    end = motion @ X_OB
     turn = Rotation.from_matrix(end[:3, :3] @ X_WB[:3, :3].T).as_euler("xyz")
     return np.concatenate([end[:3, 3] - X_WB[:3, 3], turn])
 

@@ -243,7 +243,7 @@ class PlaceSearch:
     def _palms(self, motion: FloatArray, carry: float) -> FloatArray:
         """Return poses (W, 4, 4) of the palm from the place, where it ends, back to the lift."""
         X_WB = self.grasp.X_OH @ inverse_pose(self.hand.X_LH)
-        goal, up = placed_wrist(X_WB, np.zeros(6), motion), np.zeros(6)
+        goal, up = placed_wrist(X_WB, X_WB, motion), np.zeros(6)
         up[2] = carry
         corners = [goal, goal + up, up]
         way: list[FloatArray] = []

@@ -18,6 +18,8 @@ from lis_grasp.typing import FloatArray
 CONTROL_RATE = 100.0
 """Rate of finger commands [Hz]; the wrist is commanded in each time step."""
 
+_FEEL_EVERY = 4  # commands between two looks at how the links carry the object
+
 # Time since the phase's start [s] -> whether the phase is over.
 FingerCommand = Callable[[float], bool]
 
@@ -178,11 +180,14 @@ class BodyHitError(Exception):
 class Steps:
     """The steps of one lift in a scene.
 
-    They end at a force above `LARGEST_FORCE_BESIDE` on a body beside the object, once.
+    They end at a force above `LARGEST_FORCE_BESIDE` on a body beside the object, once. `feel` is
+    called at every fourth command.
     """
 
-    def __init__(self, scene: LiftingScene, setup: LiftSetup) -> None:
-        self._scene, self._options = scene, setup.options
+    def __init__(
+        self, scene: LiftingScene, setup: LiftSetup, feel: Callable[[], None] = lambda: None
+    ) -> None:
+        self._scene, self._options, self._feel = scene, setup.options, feel
         self._goal = np.asarray(setup.grasp.X_OH, dtype=np.float64)[:3, 3]
         self._times: list[float] = []
         self._poses: dict[str, list[FloatArray]] = {}
@@ -209,12 +214,15 @@ class Steps:
         """
         step = self._options.time_step
         command_every = max(1, round(1.0 / (CONTROL_RATE * step)))
+        feel_every = _FEEL_EVERY * command_every
         record_every = max(1, round(1.0 / (self._options.frame_rate * step)))
         for count in range(round(motion.duration / step)):
             if fingers is not None and count % command_every == 0 and fingers(count * step):
                 break
             motion.command((count + 1) * step)
             self._scene.step()
+            if self._scene.steps % feel_every == 0:
+                self._feel()
             if self._scene.steps % record_every == 0:
                 self._record()
             for name, force in self._scene.forces_beside().items():

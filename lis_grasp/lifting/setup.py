@@ -76,6 +76,8 @@ class LiftSetup:
     arm: ArmLift | None = None
     surroundings: Surroundings = ALONE  #: the true bodies beside the object, in W
     place: PlacePlan | None = None  #: where a held object is put; None to end in the air
+    #: the object as known, in W [m], by which a hand finds the pose of what it holds
+    estimate: trimesh.Trimesh | None = None
 
     def __post_init__(self) -> None:
         if not self.mesh.is_watertight:

@@ -16,6 +16,7 @@ from lis_grasp.lifting.object_in_hand import SlipWatch
 from lis_grasp.lifting.outcome import LOST_GRASPS, LiftOutcome, Reason
 from lis_grasp.lifting.place_plan import PlaceOutcome
 from lis_grasp.lifting.placing import Placing
+from lis_grasp.lifting.pose_in_hand import PoseInHand
 from lis_grasp.lifting.scene import CONTROL_RATE, BodyHitError, LiftingScene
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import WristPath, line, rest_at, shake_about
@@ -57,6 +58,7 @@ class LiftTrial:
         self._closing = Closing(scene, setup, accept_grasp)
         self._control, self._steps = self._closing.control, self._closing.steps
         self._object, self._retreat = self._closing.object, self._closing.retreat
+        self._felt = self._closing.felt
         self._rise = np.array([0.0, 0.0, self._options.lift_height, 0.0, 0.0, 0.0])
         self._lost_after: tuple[float, float] | None = None  # slip [m] and turn [rad]
         self._lifted = False
@@ -64,6 +66,8 @@ class LiftTrial:
         self._margin: float | None = None  # of the grip
         self._survived = 0.0
         self._place: PlaceOutcome | None = None
+        self._pose: PoseInHand | None = None
+        self._pose_error: tuple[float, float] | None = None
         self._seconds: dict[str, float] = {}  # by phase
 
     def run(self) -> LiftOutcome:
@@ -98,6 +102,8 @@ class LiftTrial:
             forces=dict(self._steps.forces_beside),
             X_EB={} if diverged else dict(self._scene.poses_beside()),
             place=self._place,
+            pose_in_hand=self._pose,
+            pose_error=self._pose_error,
             seconds=dict(self._seconds),
         )
 
@@ -132,7 +138,7 @@ class LiftTrial:
             self._seconds[phase] = self._scene.time - begin
 
     def _lift(self) -> Reason | None:
-        duration = self._options.lift_time
+        self._felt.is_lifted, duration = True, self._options.lift_time
         watch, given_up = SlipWatch(self._scene, self._control), False
         felt: list[tuple[float, float]] = []  # vertical force [N] and rise [m] of the hand
 
@@ -159,7 +165,13 @@ class LiftTrial:
         self._lifted = loss is None
         if self._lifted:
             self._weigh(felt)
+            self._locate()
         return loss
+
+    def _locate(self) -> None:
+        """Find the pose of the object in the palm by touch."""
+        self._pose = self._felt.pose()
+        self._pose_error = None if self._pose is None else self._felt.errors(self._pose)
 
     def _weigh(self, felt: list[tuple[float, float]]) -> bool:
         """Weigh the object by the vertical force on the rising hand, and carry it.
@@ -212,7 +224,10 @@ class LiftTrial:
 
         raised = rest_at(self._closing.here + self._rise)
         self._steps.advance(self._options.hold_time, raised, hold_until_rest)
-        return self._loss("dropped")
+        loss = self._loss("dropped")
+        if loss is None:
+            self._locate()
+        return loss
 
     def _put_down(self) -> None:
         """Place the held object as planned, if it is: slip and turn are those of the lift."""
@@ -226,6 +241,7 @@ class LiftTrial:
             steps=self._steps,
             control=self._control,
             held=self._object,
+            pose=self._pose,
         )
         try:
             self._place = placing.run(self._closing.here, self._rise, self._retreat)

@@ -52,8 +52,9 @@ class BodiesBeside:
 
     def place(self, poses: Mapping[str, FloatArray]) -> None:
         """Place bodies at poses (4, 4) in W, by their names."""
-        if any(not np.array_equal(poses[b.name], b.X_EB) for b in self._bodies if b.name in poses):
-            self._bodies = self._bodies.placed(poses)
+        bodies = self._bodies.placed(poses)
+        if bodies is not self._bodies:
+            self._bodies = bodies
             self._build()
 
     def hits(self, posture: ProbePosture, path: FloatArray) -> bool:
@@ -188,9 +189,14 @@ class BodiesBeside:
 
     def _near(self, balls: FloatArray, poses: FloatArray) -> BoolArray:
         """Return at which poses (..., 4, 4) one of balls (S, 4) in H overlaps a body, (...)."""
-        centers = apply_pose(self._X_WE @ poses, balls[:, :3])
+        X_WH = (self._X_WE @ poses).reshape(-1, 4, 4)
+        middle = balls[:, :3].mean(axis=0)
+        reach = np.max(np.linalg.norm(balls[:, :3] - middle, axis=1) + balls[:, 3])
+        near = (self._bodies.distances(apply_pose(X_WH, middle)) < reach).any(axis=1)
+        centers = apply_pose(X_WH[near], balls[:, :3])
         apart = self._bodies.distances(centers.reshape(-1, 3)).min(axis=1)
-        return np.asarray((apart.reshape(centers.shape[:-1]) < balls[:, 3]).any(axis=-1))
+        near[near] = (apart.reshape(centers.shape[:-1]) < balls[:, 3]).any(axis=-1)
+        return np.asarray(near.reshape(poses.shape[:-2]))
 
 
 def _moved(X: FloatArray, motion: FloatArray) -> FloatArray:

@@ -347,16 +347,20 @@ class GuardedMotion:
         travelled, direction_E = 0.0, direction
         if self._X_OE is not None:
             direction = rotate(self._X_OE, direction)
+        clear = -np.inf  # the hand can move as far before a body beside the object is met [m]
         while True:
-            nearest = self._checker.nearest(start + travelled * direction)
-            if self._beside is not None:
-                beside = self._beside.nearest(start + travelled * direction_E)
-                nearest = min(nearest, beside, key=lambda link: link.distance)
-            if nearest.distance < TOUCHING:
-                return nearest, travelled
+            moved, moved_E = start + travelled * direction, start + travelled * direction_E
+            nearest, distance = self._checker.nearest, self._checker.distance(moved)
+            if self._beside is not None and clear - travelled < distance:
+                apart = self._beside.distance(moved_E)
+                clear = travelled + apart
+                if apart < distance:
+                    nearest, distance, moved = self._beside.nearest, apart, moved_E
+            if distance < TOUCHING:
+                return nearest(moved), travelled
             if travelled >= length:
                 return None, length
-            travelled = min(travelled + nearest.distance, length)
+            travelled = min(travelled + distance, length)
 
 
 def _no_start(met: str) -> str:

@@ -21,10 +21,14 @@ class TrueBodies:
 
     def __init__(self, hand: Hand, surroundings: Surroundings) -> None:
         self._hand, self._X_WE = hand, np.eye(4)
-        self.place(surroundings)
+        self._build(surroundings)
 
     def place(self, surroundings: Surroundings) -> None:
         """Place the bodies where these are, in W."""
+        if surroundings is not self._surroundings:
+            self._build(surroundings)
+
+    def _build(self, surroundings: Surroundings) -> None:
         self._surroundings = surroundings
         self._mesh = surroundings.mesh
         self._checker = HandCollisionChecker(self._hand, self._mesh)
@@ -52,6 +56,10 @@ class TrueBodies:
         if not meets and nearest.min() > 0.0:
             return None
         return self._surroundings.bodies[int(nearest.argmin())].name
+
+    def distance(self, moved: FloatArray) -> float:
+        """Return the distance to a body after moving the placed hand by (3,) [m]."""
+        return self._checker.distance(rotate(self._X_WE, moved))
 
     def nearest(self, moved: FloatArray) -> NearestLink:
         """Return the link nearest to a body after moving the placed hand by (3,) [m].

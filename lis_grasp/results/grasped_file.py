@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import trimesh
 
@@ -28,6 +28,8 @@ from lis_grasp.stages.next_touch import NO_TABLE
 from lis_grasp.task.recorded_facts import read_facts, recorded_base
 from lis_grasp.task.task import HEIGHT, Task, require_options
 
+_FAR_BELOW = 2.0  # of a plane that is in no hand's way [m]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspedFile:
@@ -45,18 +47,18 @@ def grasp_file(
     path: Path,
     folder: Path | None = None,
     *,
-    support: float | None = None,
+    support: float | Literal["none"] | None = None,
     progress: Progress = SILENT,
     **options: Any,
 ) -> GraspedFile:
     """Plan grasps on the mesh in any file, and write grasps.json.
 
     Files that were made from earlier grasps are removed. `folder` is by default that of the mesh.
-    `support` is the height of the plane under the object [m], by default the recorded one: for an
-    estimate the table's, else the lowest contact's; otherwise the mesh's lowest point. The
-    options are ``hand``, ``arm``, ``base``, ``mass``, ``friction``, ``load``, ``grasps``,
-    ``world``, ``seed``, ``units`` and ``up``, by default as recorded in the file, else as in
-    `Task`.
+    `support` is the height of the plane under the object [m], or "none" for an object held in the
+    air; by default the recorded one: for an estimate the table's, else the lowest contact's;
+    otherwise the mesh's lowest point. The options are ``hand``, ``arm``, ``base``, ``mass``,
+    ``friction``, ``load``, ``grasps``, ``world``, ``seed``, ``units`` and ``up``, by default as
+    recorded in the file, else as in `Task`.
 
     Raises `InvalidOptionError` if a value is out of range, `InvalidFileError` or `InvalidMeshError`
     if the mesh cannot be used, `TypeError` for another option.
@@ -78,6 +80,9 @@ def grasp_file(
     hand = Hand.load(task.robot.hand)
     lowest = float(mesh.bounds[0, 2])
     known_table = recorded.get("support_height") if support is None else support
+    if support == "none":
+        known_table = lowest - _FAR_BELOW
+        recorded = {name: fact for name, fact in recorded.items() if name != "support_height"}
     table = checked_value("support", lowest if known_table is None else known_table, float, HEIGHT)
     if known_table is None:
         progress.say(f"{WARNING}{NO_TABLE}: `support` is {table:.4g} m, the lowest point")
@@ -86,6 +91,7 @@ def grasp_file(
     poses = {"X_EA": recorded_base(options, recorded), "X_WE": recorded.get("X_WE")}
     agent = Agent.of(task, table, hand=hand, poses=poses)
     facts = recorded | station_facts(agent.station) | planning_facts(task)
+    facts |= {} if support == "none" else {"support_height": table}
     path = (path.parent if folder is None else folder) / "grasps.json"
     with result_file(path, progress) as temporary:
         search = write_grasps(temporary, agent, mesh, facts, progress)

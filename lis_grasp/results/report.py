@@ -232,9 +232,20 @@ def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
         "simulated_seconds": outcome.duration,
         "weighed": outcome.weighed,
         "grip_margin": outcome.grip_margin,
+        **_pose_facts(outcome),
         **({"forces": dict(outcome.forces)} if outcome.forces else {}),
         **_use_facts(outcome),
     }
+
+
+def _pose_facts(outcome: LiftOutcome) -> dict[str, Any]:
+    """Return the pose of the object in the palm as felt, its band, and its error [m, rad]."""
+    pose, errors = outcome.pose_in_hand, outcome.pose_error
+    if pose is None or errors is None:
+        return {}
+    bands = {"position": pose.position_band, "angle": pose.angle_band}
+    known = {"X_HO": pose.X_HO.tolist(), "band": bands, "covariance": pose.covariance.tolist()}
+    return {"pose_in_hand": {**known, "error": dict(zip(bands, errors, strict=True))}}
 
 
 def ranked_facts(rank: int, scenario: Scenario, outcome: LiftOutcome) -> dict[str, Any]:

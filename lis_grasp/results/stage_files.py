@@ -71,8 +71,7 @@ def write_grasps(
     """Plan grasps on a surface with the recorded facts, write them, and return them."""
     with progress.stage(f"Planning grasps of {agent.hand.name}") as stage:
         search = plan_grasps(agent, mesh)
-        header = provenance.merge(recorded, support_height=agent.support_height)
-        search.save(path, header=header)
+        search.save(path, header=provenance.merge(recorded))
         stage.result = f"{len(search.grasps)} grasps of {search.candidates} candidates"
     return search
 
@@ -110,6 +109,7 @@ class StoredStages(Stages):
     def plan(self, scenario: Scenario, mesh: trimesh.Trimesh) -> GraspSearch:
         """Plan grasps, and write grasps.json."""
         facts = self._recorded | planning_facts(scenario.task)
+        facts["support_height"] = scenario.agent.support_height
         with self._watch.measure("grasp"):
             path = self._folder / "grasps.json"
             return write_grasps(path, scenario.agent, mesh, facts, self._progress)

@@ -39,7 +39,7 @@ def exploration_lines(facts: dict[str, Any]) -> tuple[str, ...]:
         parts = [f"{100 * truth:.0f} % of the reachable true surface"]
         if facts["estimate_coverage"] is not None:
             parts.append(f"{100 * facts['estimate_coverage']:.0f} % of the estimate")
-        advice = "" if truth >= _LOW_COVERAGE else "; more touches (`touches`) cover more"
+        advice = "" if truth >= _LOW_COVERAGE else "; more touches cover more"
         lines.append(f"covered   {' and '.join(parts)}, {within}{advice}")
     return tuple(lines)
 
@@ -99,6 +99,7 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
             f"lifted    {lift['mass']:.3g} kg, and held through the shake;"
             f" slip {1e3 * lift['slip']:.1f} mm, turn {degrees(lift['turn']):.1f} deg"
         )
+        lines += _pose_lines(lift)
     else:
         lifted = "lifted, but not held" if lift["lifted"] else "not held"
         no_grasp = lift["reason"] == "no_grasp"
@@ -126,6 +127,18 @@ def _view_lines(facts: Mapping[str, Any]) -> list[str]:
     return [
         f"seen      by {counted(pixels, 'pixel')}; its place is {certain}, to {before:.1f} before"
     ]
+
+
+def _pose_lines(lift: Mapping[str, Any]) -> list[str]:
+    """Return how well the hand knows by touch where the object is in it, if it does."""
+    facts = lift.get("pose_in_hand")
+    if facts is None:
+        return []
+    known, off = (
+        f"{1e3 * facts[name]['position']:.1f} mm and {degrees(facts[name]['angle']):.1f} deg"
+        for name in ("band", "error")
+    )
+    return [f"in hand   known by touch to {known} (95 %); the error is {off}"]
 
 
 def _world_lines(report: Mapping[str, Any]) -> list[str]:

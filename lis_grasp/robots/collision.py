@@ -144,17 +144,15 @@ class HandCollisionChecker:
         self._pose(X_OH @ poses)
         return self._meets_surface(self._object)
 
+    def distance(self, moved: FloatArray) -> float:
+        """Return the distance of `nearest` [m], without its link."""
+        return float(self._nearest(moved).min_distance)
+
     def nearest(self, moved: FloatArray) -> NearestLink:
         """Return the link nearest to the object after moving the placed hand by (3,) [m] in O."""
+        result = self._nearest(moved)
         assert self._object is not None
-        other, triangles = self._object.body, self._object.mesh.triangles
-        other.setTranslation(-moved)  # equivalent, with one body to move
-        try:
-            data = fcl.DistanceData(request=fcl.DistanceRequest(enable_nearest_points=True))
-            self._manager.distance(other, data, fcl.defaultDistanceCallback)
-        finally:
-            other.setTranslation(np.zeros(3))
-        result = data.result
+        triangles = self._object.mesh.triangles
         first = result.o1 is self._object.model
         body = self._index[id(result.o2 if first else result.o1)]
         face = int(result.b1 if first else result.b2)
@@ -166,6 +164,17 @@ class HandCollisionChecker:
         point = trimesh.triangles.closest_point(triangles[face][None], (near + moved)[None])[0]
         link = self._hand.link_geometries[body].link
         return NearestLink(link, float(result.min_distance), point, face)
+
+    def _nearest(self, moved: FloatArray) -> fcl.DistanceResult:
+        assert self._object is not None
+        other = self._object.body
+        other.setTranslation(-moved)  # equivalent, with one body to move
+        try:
+            data = fcl.DistanceData(request=fcl.DistanceRequest(enable_nearest_points=True))
+            self._manager.distance(other, data, fcl.defaultDistanceCallback)
+        finally:
+            other.setTranslation(np.zeros(3))
+        return data.result
 
     def _pose(self, poses: FloatArray) -> None:
         for body, X_OG in zip(self._bodies, poses, strict=True):

@@ -210,10 +210,20 @@ class SurfaceEstimate(Record):
         """Return the surface of contacts with their verdict, what was seen, and guesses."""
         make, seen = self.perception.make, self.given.seen
         if not len(seen):
-            return make(contacts.append(guesses))
+            return self._checked(make(contacts.append(guesses)), contacts)
         touched, implied, seen = (replace(c, judged=True) for c in (contacts, guesses, seen))
-        surface = make(touched.append(implied).append(seen))
+        surface = self._checked(make(touched.append(implied).append(seen)), touched)
         return LeastUncertainty(surface, touched.append(seen))
+
+    def _checked(self, surface: ImplicitSurface, contacts: Contacts) -> ImplicitSurface:
+        """Return a surface; raise `InvalidOptionError` if that of a function is inside out.
+
+        Those of names are checked as they are made.
+        """
+        make = self.perception.estimator
+        if not isinstance(make, str) and make not in ESTIMATORS.values():
+            require_signs(surface, contacts, getattr(make, "__qualname__", str(make)))
+        return surface
 
     @cached_property
     def surface(self) -> ImplicitSurface:
@@ -326,10 +336,7 @@ def estimate(
         normals=normals,
         prior=ViewsPrior(Views(views, height)) if views and height is not None else NOTHING,
     )
-    made = SurfaceEstimate(contacts, known)
-    if not isinstance(estimator, str) and make not in ESTIMATORS.values():
-        require_signs(made.solid, made.credible, getattr(make, "__qualname__", str(make)))
-    return made.surface
+    return SurfaceEstimate(contacts, known).surface
 
 
 def note_doubts(contacts: Contacts, support_height: float | None = None) -> None:

@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
-import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
@@ -54,6 +53,7 @@ FEW_CONTACTS = 10
 """Contacts below which hardly more than position and size of an object is known."""
 
 _MEMBERS = ("evaluate", "gradient", "uncertainty", "bounds")
+_SIGN_STEP = 1e-3  # from a contact along its normal, in extents of the contacts
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,16 +115,19 @@ class PluggedEstimator:
 def require_signs(surface: ImplicitSurface, contacts: Contacts, name: str) -> None:
     """Raise `InvalidOptionError` if an estimator's surface is inside out.
 
-    The corners of its bounds are outside of the object, where f is positive, and its gradient
-    points outward at the contacts. None of either is as it must be if a sign is wrong.
+    Beyond most contacts f is larger than behind them, and its gradient points outward there.
     """
-    corners = trimesh.bounds.corners(np.asarray(surface.bounds))
+    if not len(contacts):
+        return
+    step = _SIGN_STEP * (contacts.extent or 1.0) * contacts.normals
+    both = np.stack([contacts.points + step, contacts.points - step])
+    beyond, behind = np.asarray(surface.evaluate(both))
     slopes = np.sum(np.asarray(surface.gradient(contacts.points)) * contacts.normals, axis=1)
     wrong = ""
-    if np.all(np.asarray(surface.evaluate(corners)) < 0.0):
-        wrong = "evaluate must return values above 0 outside of the object; they are below 0"
-    elif len(slopes) and np.all(slopes < 0.0):
-        wrong = "gradient must point out of the object; it points inward at every contact"
+    if np.mean(beyond < behind) > 0.5:
+        wrong = "evaluate must return values above 0 outside of the object, and below 0 inside"
+    elif np.mean(slopes < 0.0) > 0.5:
+        wrong = "gradient must point out of the object; it points inward"
     if wrong:
         raise InvalidOptionError(
             f"estimator '{name}': {wrong}: change its sign", option="estimator", value=name

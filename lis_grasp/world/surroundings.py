@@ -220,12 +220,18 @@ class Surroundings:
         return self.placed({body.name: X_FE @ body.X_EB for body in self.bodies})
 
     def placed(self, poses: Mapping[str, FloatArray]) -> Surroundings:
-        """Return the same with bodies at other poses (4, 4) in E, by their names."""
-        moved = tuple(
-            replace(body, X_EB=np.array(poses[body.name])) if body.name in poses else body
+        """Return the same with bodies at other poses (4, 4) in E, by their names.
+
+        It is the record itself if none has moved.
+        """
+        moved = {b.name for b in self if not np.array_equal(poses.get(b.name, b.X_EB), b.X_EB)}
+        if not moved:
+            return self
+        bodies = tuple(
+            replace(body, X_EB=np.array(poses[body.name])) if body.name in moved else body
             for body in self.bodies
         )
-        return replace(self, bodies=moved)
+        return replace(self, bodies=bodies)
 
     def distances(self, points: FloatArray) -> FloatArray:
         """Return signed distances (P, B) of points (P, 3) from each body [m], below 0 inside."""

@@ -1,8 +1,9 @@
 """Experiment: one depth view and some touches, against the same number of blind touches.
 
 The plan, written before a run. An object stands in a stable pose on a table; everything but the
-region is unknown. One simulated view with the noise of a stereo camera, and 0 to 10 touches; blind
-the same number, and 20 and 40. One grasp is lifted as planned (`closings` 0), or tested by touch.
+region is unknown. One simulated view with the noise of a stereo camera, and 0 to 20 touches; blind
+the same numbers. Half of the objects get one hand, half the other; the next seed exchanges them.
+One grasp is lifted as planned (`closings` 0), or tested by touch.
 Measured: whether it is held, and the motion until then; the error of the estimate from the true
 surface that no pixel shows, and from all of it, the underside left out; the superfluous surface,
 more than 5 mm from any true one; how far the seen surface is displaced after the calibration, and
@@ -179,13 +180,13 @@ class ViewsPart(SeedsPart):
     experiment: ClassVar[Experiment] = VIEWS
 
     def trials(self, seed: int, places: Places) -> Iterator[ViewTrial]:
-        """Yield the trials of a seed."""
-        for name in self.objects:
-            for hand in self.hands:
-                for touches in self.touches:
-                    yield ViewTrial(
-                        name, hand, touches, seed, self.prober, self.closings, self.estimator
-                    )
+        """Yield the trials of a seed: hands take turns, and change places with the next seed."""
+        for k, name in enumerate(self.objects):
+            hand = self.hands[(k + seed) % len(self.hands)]
+            for touches in self.touches:
+                yield ViewTrial(
+                    name, hand, touches, seed, self.prober, self.closings, self.estimator
+                )
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return the measures by variant and number of touches."""

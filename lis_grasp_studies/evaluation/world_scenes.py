@@ -22,7 +22,8 @@ def make_scene(name: str, mesh: trimesh.Trimesh, *, seed: int) -> Surroundings:
     Walls, boards and gaps are those of the scene; sizes and masses of neighbours, and the sides
     on which they are, depend on the seed.
     """
-    return _SCENES[name](mesh, np.random.default_rng([seed, *name.encode()]))
+    make = _closed if name == CLOSED else _SCENES[name]
+    return make(mesh, np.random.default_rng([seed, *name.encode()]))
 
 
 def _walls(apart: float, height: float, sides: tuple[str, ...] = tuple(_SIDES)) -> Surroundings:
@@ -45,6 +46,12 @@ def _shelf(under: float) -> Surroundings:
         for name, y in (("left", 0.29), ("right", -0.29))
     )
     return Surroundings((board, back, *sides))
+
+
+def _closed(mesh: trimesh.Trimesh, rng: np.random.Generator) -> Surroundings:
+    """Return a box with a lid, into which there is no way."""
+    lid = Body.box("lid", (0.34, 0.34, _THICK), (0.0, 0.0, 0.2 + 0.5 * _THICK))
+    return Surroundings((*_walls(0.3, 0.2), lid))
 
 
 def _corner() -> Surroundings:
@@ -120,6 +127,12 @@ _SCENES: Mapping[str, _Maker] = {
 }
 
 SCENES = tuple(_SCENES)
-"""Names of the scenes."""
-TIGHT = ("tight bin", "slot", "low shelf", "wall at 5 mm")
-"""Scenes that leave a hand little room; so do those at 10 mm."""
+"""Names of the scenes that an object can be taken from."""
+CLOSED = "closed box"
+"""Name of a scene without a way in."""
+
+
+def is_tight(scene: str) -> bool:
+    """Return whether a scene leaves a hand little room."""
+    named = scene in ("tight bin", "slot", "low shelf", "wall at 5 mm")
+    return named or scene.endswith(" at 10 mm")

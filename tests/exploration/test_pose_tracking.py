@@ -182,6 +182,16 @@ def test_only_a_repetition_with_the_hand_turned_alike_shows_a_motion(
     assert observation.belief.trust == trust
 
 
+@pytest.mark.parametrize(("off", "trust"), [(0.0012, "trusted"), (0.008, "doubted")])
+def test_the_other_side_of_an_edge_is_the_same_place(off: float, trust: str) -> None:
+    # The hand came 0.5 mm aside, and met the top of a block instead of its side.
+    tracker = PoseTracker(0.0005)
+    state = state_after(tracker.track(touched_at(-0.03), state_after())[0])
+    top = Contacts([[-0.03 + off, 0.0, 0.02]], [[0.0, 0.0, 1.0]])
+    observation, _ = tracker.track(ProbeOutcome(PROBE, "touched", top), state)
+    assert observation.belief.trust == trust
+
+
 def test_contacts_before_a_loss_wait_until_the_object_is_found(tmp_path: Path) -> None:
     start, X_FE = PoseBelief.start(), planar_pose(np.array([0.2, 0.1, 0.5 * np.pi]))
     before = [Observation(touched_at(x), start) for x in (-0.03, -0.05, -0.07)]

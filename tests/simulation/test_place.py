@@ -136,8 +136,9 @@ def test_the_wrist_takes_the_object_to_the_place(wsg50: Hand) -> None:
     X_WB = placing(wsg50, np.eye(4)).X_WB
     here = np.array([0.001, -0.002, 0.003, 0.0, 0.0, 0.0])
     motion = make_pose(Rotation.from_euler("xyz", (0.2, -0.4, 1.1)).as_matrix(), (0.3, 0.1, 0.02))
-    reached = displaced(X_WB, placed_wrist(X_WB, here, motion))
-    np.testing.assert_allclose(reached, motion @ displaced(X_WB, here), atol=1e-12)
+    X_OB = displaced(X_WB, here)
+    reached = displaced(X_WB, placed_wrist(X_WB, X_OB, motion))
+    np.testing.assert_allclose(reached, motion @ X_OB, atol=1e-12)
 
 
 def test_the_band_of_an_exact_mesh_is_nothing_and_of_a_ball_two_deviations(wsg50: Hand) -> None:

@@ -158,7 +158,7 @@ def test_a_wall_pushes_back_by_the_law_of_the_rail_that_pushes(wsg50: Hand) -> N
     for _ in range(500):
         scene.step(commanded, 0.0)
     moved = float((scene.X_WH - before)[:3, 3] @ LEFT)
-    force = scene._scene.forces_beside()["block_east", "hand"]
+    force = scene._scene.forces_beside["block_east", "hand"]
     # At rest the rail's spring balances the part along the motion; friction adds one across.
     along = _probe_carriers._STIFFNESS * (commanded - moved)
     assert along > 1.0
@@ -270,7 +270,7 @@ def tray() -> Body:
 def test_an_object_that_slides_in_a_concave_mesh_is_stopped_by_its_wall(wsg50: Hand) -> None:
     scene = scene_with(Surroundings((tray(),)), wsg50, 0.005)
     scene.place_surroundings({})
-    assert scene.forces_beside() == {}
+    assert scene.forces_beside == {}
     # It has 138 mm to slide to the wall, and would slide 0.4 m: v^2 / (2 mu g).
     speed = np.array([2.0, 0.0, 0.0])
     scene.object_joint.set_translational_velocity(scene.context, speed)

@@ -10,14 +10,13 @@ import pytest
 from lis_grasp import shapes
 from lis_grasp.world.touching import bodies_touching
 from lis_grasp_studies.evaluation.part import Places
-from lis_grasp_studies.evaluation.world_scenes import SCENES, make_scene
-from lis_grasp_studies.evaluation.worlds import (
+from lis_grasp_studies.evaluation.world_scenes import CLOSED, SCENES, make_scene
+from lis_grasp_studies.evaluation.worlds import WorldsPart, WorldTrial, measure_world
+from lis_grasp_studies.evaluation.worlds_tables import (
     ALONE,
-    BESIDE,
     DOES_NOT_FIT,
-    WorldsPart,
-    WorldTrial,
-    measure_world,
+    losses_table,
+    published,
     worlds_table,
 )
 
@@ -67,39 +66,79 @@ def test_a_twin_has_the_inertia_of_its_shape() -> None:
 
 
 def test_what_does_not_fit_is_in_no_rate() -> None:
-    fits = {"object": "box", "hand": "wsg50", "scene": "slot", "seed": 0, "reason": "held"}
-    wide = fits | {"object": "wide", "reason": DOES_NOT_FIT}
-    rows = [
-        row | {"where": where, "held": row is fits, "cpu": 1.0, "cpu_touch": 1.0}
-        for row in (fits, wide)
-        for where in (ALONE, BESIDE)
+    fits = {"object": "box", "scene": "slot", "reason": "held", "held": True}
+    wide = {"object": "wide", "scene": "slot", "reason": DOES_NOT_FIT, "held": False}
+    alone = [{**row, "scene": ALONE, "reason": "held", "held": True} for row in (fits, wide)]
+    rows = [RUN | row for row in (*alone, fits, wide)]
+    assert [line[:3] for line in worlds_table(rows).body] == [
+        (ALONE, "2", "–"),
+        ("slot, tight", "1", "100"),
+        ("all tight", "1", "100"),
     ]
-    (line,) = worlds_table(rows).body
-    assert line[:4] == ("slot, tight", "1", "100", "100")
 
 
-def test_a_part_pairs_every_scene_with_the_run_alone() -> None:
+RUN = {"hand": "wsg50", "seed": 0, "policy": "spread"}
+
+
+def test_each_object_meets_each_scene_by_one_hand_and_by_each_in_two_seeds() -> None:
     part = WorldsPart(
-        measure="worlds", title="Worlds", variants=[ALONE, BESIDE], seconds=60.0, seeds=[0, 1],
-        objects=["box", "mallet"], hands=["wsg50"],
+        measure="worlds", title="Worlds", variants=["spread"], seconds=60.0, seeds=[0, 1],
+        objects=["box", "mallet"], hands=["allegro", "wsg50"],
     )  # fmt: skip
-    rounds = part.rounds(Places())
-    assert [len(trials) for trials in rounds] == [48, 48]
-    facts = {"object": "box", "hand": "wsg50", "scene": "bin", "seed": 0, "reason": ""}
-    alone = facts | {"where": ALONE, "held": True, "cpu": 2.0, "cpu_touch": 1.0}
-    beside = alone | {
-        "where": BESIDE, "cpu": 3.0, "cpu_touch": 1.5, "probes": 10, "blocked": 2,
-        "contacts_of_bodies": 1, "touch_force": 0.1, "lift_force": 2.5, "moved_mm": 0.4,
+    first, second = part.rounds(Places())
+    places = {(t.object, t.scene): t.hand for t in first if t.scene in SCENES}
+    others = {(t.object, t.scene): t.hand for t in second if t.scene in SCENES}
+    assert len(places) == 48
+    assert all({hand, others[place]} == {"allegro", "wsg50"} for place, hand in places.items())
+    for name in ("box", "mallet"):
+        assert sum(places[name, scene] == "wsg50" for scene in SCENES) == 12
+    for trials in (first, second):
+        without = [(t.object, t.hand, t.scene) for t in trials if t.scene not in SCENES]
+        assert len(without) == len({*without}) == 8
+        assert {scene for *_, scene in without} == {ALONE, CLOSED}
+
+
+def test_runs_beside_bodies_are_compared_with_the_same_runs_alone() -> None:
+    measured = {
+        "reason": "held", "held": True, "probes": 25, "blocked": 1, "felt": 22, "lost": 0,
+        "lost_wrongly": 0, "refused": 0, "contacts_of_bodies": 0, "given_wrongly": 0,
+        "touch_force": 0.0, "lift_force": 0.0, "moved_mm": 0.0, "pushed": "",
     }  # fmt: skip
-    (line,) = worlds_table([alone, beside]).body
-    assert line == ("bin", "1", "100", "0", "20", "1", "2.5", "0.4", "1.50", "1.50")
-    assert part.numbers([alone, beside]) == {ALONE: 1.0, BESIDE: 0.0}
+    rows = []
+    for name, cpu in (("box", 2.0), ("mallet", 4.0)):
+        alone = RUN | measured | {"object": name, "scene": ALONE, "cpu": cpu, "cpu_touch": 1.0}
+        rows += [alone, alone | {"scene": "bin", "cpu": 1.5 * cpu}]
+    rows[1] |= {"lift_force": 2.5, "pushed": "east", "moved_mm": 11.0}
+    rows[1] |= {"felt": 23, "contacts_of_bodies": 3, "given_wrongly": 1}
+    rows[1] |= {"blocked": 4, "lost": 1, "lost_wrongly": 1}
+    closed = RUN | {"object": "box", "scene": CLOSED, "held": False, "reason": "no_contact"}
+    said = "20 probes blocked: no approach: lid is in the way"
+    rows += [closed | {"probes": 0, "ended": said}, closed | {"probes": 100, "ended": said}]
+    assert losses_table(rows).body == (("bin", "box", "wsg50", "held", "2.5", "east"),)
+    line = dict(zip(worlds_table(rows).head, worlds_table(rows).body[1], strict=True))
+    assert list(line.values()) == [
+        "bin", "2", "50", "1", "1", "10", "0", "3", "1", "2.5", "11.0", "1.00", "1.50",
+    ]  # fmt: skip
+    numbers = published(rows)
+    assert (numbers["runs"], numbers["held wide"], numbers["held alone"]) == (2, 50.0, 100.0)
+    assert (numbers["pushed"], numbers["moved"], numbers["lost wrongly"]) == (1, 1, 1)
+    assert (numbers["felt"], numbers["given wrongly"]) == (45, 1)
+    assert (numbers["said"], numbers["closed"]) == (1, 2)
+    assert numbers["blocked bin"] == pytest.approx(10.0)
+    assert numbers["cpu bin"] == pytest.approx(1.5)
 
 
 @pytest.mark.slow
 def test_a_run_beside_bodies_is_measured() -> None:
     trial = WorldTrial("box", "wsg50", "bin", 0, "kinematic", 10)
-    row = measure_world(trial, BESIDE)
+    row = measure_world(trial, "spread")
     assert row["contacts"] == 10
     assert row["probes"] >= row["contacts"]
+    assert row["given_wrongly"] == 0
     assert 0.0 < row["cpu_touch"] < row["cpu"]
+
+
+@pytest.mark.slow
+def test_a_closed_box_is_told_by_a_body_in_the_way() -> None:
+    row = measure_world(WorldTrial("box", "wsg50", CLOSED, 0, "kinematic", 10), "spread")
+    assert published([RUN | {"object": "box", "scene": CLOSED} | row])["said"] == 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from pydrake.geometry import (
@@ -22,13 +22,13 @@ from pydrake.multibody.plant import (
     MultibodyPlantConfig,
 )
 from pydrake.multibody.tree import RigidBody
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.lifting.scene import Touched
-from lis_grasp.simulation.drake.contact_patches import LinkContact, link_contacts
+from lis_grasp.simulation.drake.contact_patches import LinkContact, link_contacts, patch_forces
 from lis_grasp.simulation.drake.hand_plant import HandInPlant
 from lis_grasp.simulation.drake.object_plant import ObjectInPlant, let_rest
 from lis_grasp.simulation.drake.plant_parts import rigid
@@ -41,6 +41,11 @@ from lis_grasp.simulation.drake.touch_sensor import TouchSensor
 from lis_grasp.typing import FloatArray
 from lis_grasp.world import ALONE, Surroundings
 
+Scheme = Literal["discrete", "cenic"]
+"""How Drake advances a scene: in its time steps, or with error-controlled ones within them."""
+
+_ACCURACY = 1e-3  # of CENIC's steps
+
 
 class PlantScene:
     """A plant, its context and its simulator, advanced one time step at a time.
@@ -49,24 +54,38 @@ class PlantScene:
     is hydroelastic, in Drake's discrete solver with the "lagged" approximation. The links of the
     hand do not collide with each other. `surroundings` are the bodies beside the object, in W.
     `settings` are fields of `MultibodyPlantConfig`.
+
+    With the scheme "cenic", the plant is continuous, and Drake's error-controlled convex integrator
+    (Kurtz & Castro 2025) chooses its steps within a time step. It cannot lock joints, so nothing is
+    locked, and Drake's contact results have another friction than its own; see `object_force`.
     """
 
     #: the bodies beside the object; None without any
     surroundings: SurroundingsInPlant | None = None
 
     def __init__(
-        self, time_step: float, *, surroundings: Surroundings = ALONE, **settings: Any
+        self,
+        time_step: float,
+        *,
+        surroundings: Surroundings = ALONE,
+        scheme: Scheme = "discrete",
+        **settings: Any,
     ) -> None:
-        self._builder = DiagramBuilder()
+        self._builder, self.scheme = DiagramBuilder(), scheme
         config = MultibodyPlantConfig(
-            time_step=time_step, discrete_contact_approximation="lagged", **settings
+            time_step=time_step if scheme == "discrete" else 0.0,
+            discrete_contact_approximation="lagged",
+            **settings,
         )
         added: tuple[MultibodyPlant, Any] = AddMultibodyPlant(config, self._builder)
         self.plant, self._scene_graph = added
+        self._is_sampled = bool(config.use_sampled_output_ports)
         self.time_step = time_step
         self.steps = 0
         #: largest force [N] on each body beside the object so far, by who pushed it
         self.pushes: dict[tuple[str, Pusher], float] = {}
+        #: forces [N] in the last step, likewise
+        self.forces_beside: Mapping[tuple[str, Pusher], float] = {}
         self._unmoved: FilterId | None = None
         self._is_object_locked = False
         #: free bodies beside the object that are locked where they are
@@ -114,6 +133,11 @@ class PlantScene:
                 plant.get_contact_results_output_port(), sensor.GetInputPort("contact_results")
             )
         self.simulator = Simulator(self._builder.Build())
+        if self.scheme == "cenic":
+            scheme = SimulatorConfig(
+                integration_scheme="cenic", max_step_size=self.time_step, accuracy=_ACCURACY
+            )
+            ApplySimulatorConfig(scheme, self.simulator)
         self._root = self.simulator.get_mutable_context()
         self.context: Context = plant.GetMyMutableContextFromRoot(self._root)
         if sensor is not None:
@@ -129,12 +153,16 @@ class PlantScene:
 
     def lock_object(self) -> None:
         """Lock the object where it is, until it is unlocked."""
+        if self.scheme == "cenic":
+            return
         self._is_object_locked = True
         self._separate_locked()
         self.object_joint.Lock(self.context)
 
     def unlock_object(self) -> None:
         """Free an object that was locked."""
+        if not self._is_object_locked:
+            return
         self._is_object_locked = False
         self._separate_locked()
         self.object_joint.Unlock(self.context)
@@ -168,6 +196,8 @@ class PlantScene:
             query = self.plant.get_geometry_query_input_port().Eval(self.context)
             beside.separate(self.filters, query, self.object.geometry)
             self._separated = True
+        if self.scheme == "cenic":
+            return
         self.resting = set(beside.grounds)
         self._separate_locked()
         for name in beside.grounds:
@@ -175,7 +205,8 @@ class PlantScene:
 
     def _unlock_touched(self) -> None:
         """Free the locked bodies beside the object that something touches."""
-        assert self.surroundings is not None
+        if self.surroundings is None or not self.resting:
+            return
         touched = self.resting & self.surroundings.touched(self._results())
         if touched:
             self.resting -= touched
@@ -215,24 +246,48 @@ class PlantScene:
         Raises `SimulationError` if Drake fails; its message names what the simulation is `of`.
         """
         self.steps += 1
-        time = self.steps * self.time_step
+        time, self._velocity = self.steps * self.time_step, self._object_velocity()
         try:
+            # Ports that are not sampled have the forces of the next step, whose solution it uses.
+            if not self._is_sampled:
+                self._note_contacts()
             self.simulator.AdvanceTo(time)
+            if self._is_sampled:
+                self._note_contacts()
         except (RuntimeError, SystemExit) as error:  # SystemExit: an assertion of Drake's failed
             reason = str(error).splitlines()[0]
             message = f"the simulation of {of} failed at {time:.3f} s: {reason}"
             raise SimulationError(message) from None
-        if self.surroundings is not None:
-            for pushed, force in self.forces_beside().items():
-                self.pushes[pushed] = max(force, self.pushes.get(pushed, 0.0))
-            if self.resting:
-                self._unlock_touched()
 
-    def forces_beside(self) -> dict[tuple[str, Pusher], float]:
-        """Return the forces [N] on the bodies beside the object now, by who pushes them."""
+    def object_force(self) -> FloatArray:
+        """Return the mean force (3,) [N] of all contacts on the object in the last step, in W.
+
+        It is the change of the object's momentum without its weight.
+        """
+        gained = (self._object_velocity() - self._velocity) / self.time_step
+        gravity: FloatArray = self.plant.gravity_field().gravity_vector()
+        mass: float = self.object.body.get_mass(self.context)
+        return mass * (gained - gravity)
+
+    def support_force(self) -> FloatArray:
+        """Return the force (3,) [N] of the support on the object now, without friction, in W."""
+        forces = patch_forces(self._results(), {self.support})
+        return np.array([0.0, 0.0, sum(force for _, _, force in forces)])
+
+    def _object_velocity(self) -> FloatArray:
+        velocity: FloatArray = self.object.body.CalcCenterOfMassTranslationalVelocityInWorld(
+            self.context
+        )
+        return velocity
+
+    def _note_contacts(self) -> None:
+        """Free locked bodies that are touched, and note the forces on bodies beside the object."""
         if self.surroundings is None:
-            return {}
-        return self.surroundings.forces(self._results(), self._pushers)
+            return
+        self._unlock_touched()
+        self.forces_beside = self.surroundings.forces(self._results(), self._pushers)
+        for pushed, force in self.forces_beside.items():
+            self.pushes[pushed] = max(force, self.pushes.get(pushed, 0.0))
 
     @property
     def largest_pushes(self) -> dict[str, float]:
@@ -248,6 +303,7 @@ class PlantScene:
 
     def touch(self) -> Contacts:
         """Return what the touch sensor feels now: flat parts of contacts, in W."""
+        self._unlock_touched()
         port, context = self._touch
         felt: Contacts = port.Eval(context)
         return felt
