@@ -263,7 +263,12 @@ class ArmTransits:
             if corners is not None:
                 is_free = partial(planner.is_free, q_hand=q_hand)
                 motion = time_path(self._station.arm, corners, is_free=is_free)
-                if q_before is None or np.array_equal(q_before, q_hand):
+                if q_before is None:
+                    return motion
+                # A way between two places low above the table would stay low: it goes home first.
+                if not planner.keeps_off(corners[[0, -1]], q_hand):
+                    return None
+                if np.array_equal(q_before, q_hand):
                     return motion
                 parts = np.linspace(0.0, 1.0, _BETWEEN, endpoint=False)[:, None]
                 between = q_before + parts * (q_hand - q_before)
