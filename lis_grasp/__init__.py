@@ -21,9 +21,12 @@ if TYPE_CHECKING:
     from lis_grasp.grasping.grasps import Grasp as Grasp
     from lis_grasp.grasping.grasps import GraspSearch as GraspSearch
     from lis_grasp.grasping.sampler import ForceClosureSampler as ForceClosureSampler
+    from lis_grasp.lifting.pose_in_hand import PoseInHand as PoseInHand
+    from lis_grasp.lifting.pose_in_hand import locate_in_hand as locate_in_hand
     from lis_grasp.meshing import extract_mesh as extract_mesh
     from lis_grasp.pipeline.direct import explore as explore
     from lis_grasp.pipeline.direct import lift as lift
+    from lis_grasp.pipeline.direct import next_touch as next_touch
     from lis_grasp.pipeline.direct import plan as plan
     from lis_grasp.pipeline.direct import run as run
     from lis_grasp.pipeline.names_of_2 import RunConfig as RunConfig
@@ -60,10 +63,11 @@ _HOMES = {
     "grasping.force_closure": "is_force_closure",
     "grasping.grasps": "Grasp GraspSearch",
     "grasping.sampler": "ForceClosureSampler",
+    "lifting.pose_in_hand": "PoseInHand locate_in_hand",
     "meshing": "extract_mesh",
     "pipeline": "",
     "pipeline.names_of_2": "RunConfig",
-    "pipeline.direct": "explore lift plan run",
+    "pipeline.direct": "explore lift next_touch plan run",
     "results.run_results": "Run",
     "robots.hand": "Hand",
     "shapes": "Shape",

@@ -125,10 +125,20 @@ def module_names(
             if name in (home, *homes[home].split()):
                 loaded = import_module(f"lis_grasp.{home}")
                 return loaded if name == home else getattr(loaded, name)
-        sentence = new_place(full) or f"module '{module}' has no attribute '{name}'"
-        raise AttributeError(sentence, name=name, obj=sys.modules[module])
+        raise AttributeError(
+            new_place(full) or _unknown(module, name, names), name=name, obj=sys.modules[module]
+        )
 
     return get, lambda: sorted(names)
+
+
+def _unknown(module: str, name: str, names: Sequence[str]) -> str:
+    """Return the sentence of a name that a module has not, with a similar one."""
+    from lis_grasp.exceptions import nearest_of  # its own imports take a third of the package's
+
+    # Programs ask for special names, such as __wrapped__.
+    nearest = "" if name.startswith("_") else nearest_of(name, names)
+    return f"module '{module}' has no attribute '{name}'{nearest}"
 
 
 class OldModules:

@@ -14,6 +14,8 @@ from pathlib import Path
 
 # Messages quote input, which may be a whole damaged file: the middle of a longer one is left out.
 _LONGEST = 800
+# Least similarity of the letters of a suggestion, of 1.
+_SIMILAR = 0.7
 _MOST_NAMED = 8  # in a message
 
 
@@ -42,15 +44,41 @@ def shown(value: object) -> str:
         return f"a very long {type(value).__name__}"
 
 
+# Words of other programs, and ours.
+_OUR_WORDS = {
+    **dict.fromkeys(("gripper", "hands", "effector", "suction"), "hand"),
+    **dict.fromkeys(("arms", "robot", "robots"), "arm"),
+    **dict.fromkeys(("objects", "shape", "shapes", "mesh"), "object"),
+    **dict.fromkeys(("method", "model", "algorithm"), "estimator"),
+    **dict.fromkeys(("table", "ground", "floor"), "support"),
+    **dict.fromkeys(("plan", "plans"), "grasp"),
+    **dict.fromkeys(("show", "plot", "display", "visualize"), "view"),
+    **dict.fromkeys(("gui", "live"), "watch"),
+    **dict.fromkeys(("samples", "probes"), "touches"),
+    **dict.fromkeys(("simulate", "execute"), "lift"),
+    **dict.fromkeys(("reconstruct", "fit"), "estimate"),
+    **dict.fromkeys(("bench",), "benchmark"),
+    **dict.fromkeys(("read",), "load"),
+    **dict.fromkeys(("out", "folder", "dir"), "output"),
+}
+
+
 def nearest_of(value: object, choices: Iterable[str]) -> str:
     """Return ": did you mean '...'?" with the most similar choice, or nothing.
 
-    A choice whose words are all in the value comes first: ``--seed`` for ``--random-seed``.
+    Words count before letters, those of other programs as ours: ``--seed`` for ``--random-seed``,
+    ``--position-noise`` for ``--noise``, ``--hand`` for ``--gripper``.
     """
     names = {name.lstrip("-").lower(): name for name in sorted(choices)}
     given = str(value)[:_LONGEST].lstrip("-").lower()
-    words = [name for name in names if {*_words(name)} <= {*_words(given)}]
-    close = [max(words, key=len)] if words else difflib.get_close_matches(given, names, n=1)
+    words = {_OUR_WORDS.get(word, word) for word in _words(given)}
+    within = [name for name in names if {*_words(name)} <= words]
+    around = [name for name in names if words <= {*_words(name)}]
+    close = difflib.get_close_matches(given, names, n=1, cutoff=_SIMILAR)
+    if within:
+        close = [max(within, key=len)]
+    elif not close and around:
+        close = [min(around, key=len)]
     return f": did you mean '{names[close[0]]}'?" if close else ""
 
 

@@ -182,6 +182,19 @@ class ArmProbe:
     motion: FloatArray  # (M, J): the guarded motion, from there to its end
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmPlace:
+    """Where an arm with a hand rests: their joint positions."""
+
+    q_arm: FloatArray  # (J,)
+    q_hand: FloatArray  # (K,)
+
+    @property
+    def joint_positions(self) -> FloatArray:
+        """Joint positions of arm and hand, shape (J + K,)."""
+        return np.concatenate([self.q_arm, self.q_hand])
+
+
 class ProbeReach:
     """Finds which poses of the hand at the start of a probe an arm can carry out, and how.
 
@@ -201,8 +214,11 @@ class ProbeReach:
         approach: FloatArray,
         motion: FloatArray,
         occupied: Occupied,
+        start: ArmPlace | None = None,
     ) -> tuple[int, ArmProbe] | None:
-        """Return the first of R poses that the arm can carry out, with its joint positions.
+        """Return one of R poses that the arm can carry out, with its joint positions.
+
+        It is the one that takes the arm least time from its `start`; None for its home.
 
         The palm is at `X_WH` (R, 4, 4) at the start of the probe, the hand's joints at `q_hand`
         (R, K); it comes by the translations `approach` (R, 3), and probes by `motion` (3,), in W
@@ -215,7 +231,9 @@ class ProbeReach:
             return None
         back = track(station, q, X_WH[pose], -approach[pose])
         ahead = track(station, q, X_WH[pose], motion)
-        for i in np.flatnonzero(back.followed & ahead.followed):
+        followed = np.flatnonzero(back.followed & ahead.followed)
+        times = self._travel_times(start, back.q[followed, -1])
+        for i in followed[np.argsort(times, kind="stable")]:
             probe = ArmProbe(back.q[i, ::-1], ahead.q[i])
             ends = np.array([probe.approach[0], probe.motion[0], probe.motion[-1]])
             path = np.concatenate([ends, probe.approach[1:-1:3], probe.motion[1:-1:3]])
@@ -224,3 +242,9 @@ class ProbeReach:
             if not occupied(self._checker.arm_points(path)).any():
                 return int(pose[i]), probe
         return None
+
+    def _travel_times(self, start: ArmPlace | None, q: FloatArray) -> FloatArray:
+        """Return the times (N,) [s] to postures (N, J), with joints at their largest speeds."""
+        arm = self._station.arm
+        begin = arm.home if start is None else start.q_arm
+        return np.asarray((np.abs(q - begin) / arm.velocity_limits).max(axis=1))

@@ -56,9 +56,6 @@ _VERBS = (
 )
 _CORE_VERBS = tuple(name for name, _, _ in _VERBS)
 
-# Names of options in other programs and in the Python functions.
-_GUESSED = dict.fromkeys(("--table", "--ground"), "--support")
-
 
 class _Parser(argparse.ArgumentParser):
     """Parser whose errors are one sentence, without the list of all options."""
@@ -77,8 +74,7 @@ class _Parser(argparse.ArgumentParser):
         known, unknown = super().parse_known_args(args, namespace)
         if unknown:
             options = re.findall(r"--[\w-]+", self.format_usage())
-            flag = unknown[0].partition("=")[0]
-            suggestion = nearest_of(_GUESSED.get(flag, flag), options)
+            suggestion = nearest_of(unknown[0].partition("=")[0], options)
             self.error(f"unrecognized arguments: {' '.join(unknown)}{suggestion}")
         return known, unknown
 

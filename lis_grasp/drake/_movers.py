@@ -254,7 +254,7 @@ class ArmMover:
         way = self._planner.transit(approach, obstacles.space)
         if isinstance(way, str) or way is None:
             return way or NO_ARM_TRANSIT
-        way_in, ahead = self._planner.legs(approach, probe)
+        way_in, ahead = self._planner.legs(approach, probe, obstacles)
         end = min(ahead.planned, self._planner.above_table(approach, probe, obstacles))
         end = min(end, self._planner.before_bodies(approach, probe))
         legs = replace(way_in, length=way_in.planned), replace(ahead, length=end)
@@ -284,8 +284,10 @@ class ArmMover:
         travelled = float((X_EH[:3, 3] - last.X_OH[:3, 3]) @ last.direction)
         last = replace(last, length=float(np.clip(travelled, 0.0, last.length)))
         course = replace(motion.course, legs=(*legs[:-1], last))
-        q = motion.course.joint_positions
-        return self._on(path_back(self._station.arm, course, 0.0, TIME_STEP), q, q, TIME_STEP)
+        q, way = course.joint_positions, course.way
+        assert way is not None
+        path = joined([path_back(self._station.arm, course, 0.0, TIME_STEP), way.reversed()])
+        return self._on(path, q, q, TIME_STEP)
 
     def _resting(self, duration: float) -> JointTrajectory:
         """Return the trajectory that stays at home for a duration [s]."""

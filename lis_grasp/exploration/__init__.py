@@ -8,6 +8,7 @@ from lis_grasp.exploration.policy import POLICIES, Policy, RegionPolicy, TargetP
 from lis_grasp.exploration.pose_tracking import PoseTracker
 from lis_grasp.exploration.probe import (
     HandPose,
+    HomingProber,
     MovingProber,
     Probe,
     ProbeOutcome,
@@ -41,6 +42,7 @@ __all__ = [
     "ExplorationState",
     "ExplorationStrategy",
     "HandPose",
+    "HomingProber",
     "Landmark",
     "LoggedProbe",
     "MovingProber",

@@ -21,6 +21,8 @@ from lis_grasp.typing import FloatArray
 # A contact this far off certain surface, in standard deviations and [m], shows a large motion,
 # with these standard deviations of x, y [m] and yaw [rad].
 _CONTRADICTION, _FAR, _LARGE_MOTION = 5.0, 0.003, (0.015, 0.015, 0.3)
+# A landmark's probe begins this far before its contact when it is repeated [m].
+_BEFORE_AGAIN = 0.03
 # From this many standard deviations on, it is suspicious: a known place is probed again.
 _SUSPICIOUS = 2.0
 # A contact this deep inside free space, in standard deviations and [m], shows a motion too.
@@ -116,7 +118,7 @@ class PoseTracker:
         if not touches:
             return None
         if belief.suspicious and not spent:
-            return _sideways(touches, observations[-1].outcome).probe
+            return _from_near(_sideways(touches, observations[-1].outcome))
         points = np.array([touch.contacts.points[0] for touch in touches])
         normals = np.array([touch.contacts.normals[0] for touch in touches])
         deviations = np.sqrt(belief.variances(points, normals))
@@ -124,7 +126,7 @@ class PoseTracker:
         least = max(_UNCERTAIN, _WORTHWHILE * belief.push_deviation)
         if deviations[best] < (max(least, 0.5 * _UNUSABLE) if spent else least):
             return None
-        again = touches[best].probe
+        again = _from_near(touches[best], 2.0 * float(deviations[best]))
         return replace(again, overshoot=again.overshoot + 2.0 * float(deviations[best]))
 
     def track(
@@ -293,6 +295,13 @@ def _turned_alike(first: HandPose | None, second: HandPose | None) -> bool:
         return True
     R = relative_rotation(first.X_OH, second.X_OH)
     return bool(0.5 * (np.trace(R) - 1.0) > _SAME_SIDE)
+
+
+def _from_near(touch: Landmark, deviation: float = 0.0) -> Probe:
+    """Return the probe of a landmark, begun just before its contact: the way there is known."""
+    probe, point = touch.probe, touch.contacts.points[0]
+    before = float((probe.target - point) @ probe.direction) + _BEFORE_AGAIN + deviation
+    return replace(probe, standoff=float(np.clip(before, 0.0, probe.standoff)))
 
 
 def _sideways(touches: Sequence[Landmark], last: ProbeOutcome) -> Landmark:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
@@ -124,6 +125,11 @@ class ProbeOutcome(Record):
         Pose of the hand when it made the contacts, in their frame; None if unknown.
     slid
         How many contacts, the last ones, are at the end of a slide.
+    seconds
+        The duration's parts, by the kind of motion [s]; empty if unknown.
+    left_at
+        Joint positions of an arm, then of its hand, where the probe left them [rad or m]; empty
+        without an arm, or at its home.
 
     Raises
     ------
@@ -144,6 +150,8 @@ class ProbeOutcome(Record):
     free_radii: FloatArray = field(default_factory=lambda: np.empty(0))
     hand_pose: HandPose | None = None
     slid: int = 0
+    seconds: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    left_at: FloatArray = field(default_factory=lambda: np.empty(0))
 
     __repr__ = short_repr
 
@@ -167,6 +175,10 @@ class ProbeOutcome(Record):
             )
         object.__setattr__(self, "free_points", read_only(free_points))
         object.__setattr__(self, "free_radii", checked_radii(self.free_radii, len(free_points)))
+        object.__setattr__(self, "seconds", MappingProxyType(dict(self.seconds)))
+        left_at = np.array(self.left_at, dtype=np.float64).reshape(-1)
+        object.__setattr__(self, "left_at", read_only(left_at))
+        require_at_least(0, **self.seconds)
         require_at_least(0, duration=self.duration, moved=self.moved, slid=self.slid)
         if self.slid > len(self.contacts):
             raise InvalidOptionError.out_of_range("slid", self.slid, "at most all contacts")
@@ -207,6 +219,15 @@ class MovingProber(Prober, Protocol):
 
     def move_frame(self, X_EF: FloatArray) -> None:
         """Give later probes in a frame F with pose X_EF, shape (4, 4), in the present frame."""
+        ...
+
+
+@runtime_checkable
+class HomingProber(Prober, Protocol):
+    """A prober whose robot stays where a probe left it, and goes home at the end."""
+
+    def go_home(self) -> float:
+        """Move the robot to its home, and return the time of the motion [s]."""
         ...
 
 

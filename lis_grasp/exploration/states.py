@@ -43,6 +43,7 @@ class ExplorationState(Record):
     rules: tuple[StopRule, ...] = ()  #: stop rules, with their memory of earlier estimates
     wanted: int | None = None  #: touches, beyond which contacts are left out; None for any number
     duration: float = 0.0  #: of the probes [s]
+    homeward: float = 0.0  #: time of the robot's way home at the end [s]
     ended: str = ""  #: why the exploration ended; empty before
     given: PriorKnowledge = field(init=False)  #: known beside the touches, on the present map
     known: Contacts = field(init=False)  #: prior contacts, then those of the touches
@@ -83,7 +84,7 @@ class ExplorationState(Record):
     @property
     def result(self) -> Exploration:
         """The exploration so far."""
-        return Exploration(self.contacts, self.observations, self.ended)
+        return Exploration(self.contacts, self.observations, self.ended, self.homeward)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,6 +103,7 @@ class Exploration(Record):
     contacts: Contacts  #: in O, without duplicates; has all free space
     observations: tuple[Observation, ...]  #: by every probe, in order
     ended: str = ""  #: why it ended
+    homeward: float = 0.0  #: time of the robot's way home at the end [s]
 
     __repr__ = short_repr
 
@@ -158,8 +160,8 @@ class Exploration(Record):
 
     @property
     def duration(self) -> float:
-        """Total time of the probes [s]."""
-        return sum(outcome.duration for outcome in self.outcomes)
+        """Total time of the probes, and of the way home [s]."""
+        return sum(outcome.duration for outcome in self.outcomes) + self.homeward
 
     def summary(self) -> str:
         """Return the counts in one line."""

@@ -23,6 +23,7 @@ from lis_grasp.exploration.observations import Observation
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, ProbeStatus
 from lis_grasp.geometry import require_pose
+from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import Row, append_lines, read_lines
 from lis_grasp.io.schemas import FileRecord, Number, Pose, Vector, checked
 from lis_grasp.records import Record, fields_of
@@ -116,6 +117,12 @@ class TouchLog:
         """Mark the exploration as ended, with the reason."""
         append_lines(self.path, self._header(), [{_END: reason}])
 
+    def go_on(self) -> None:
+        """Replace the header of a log of fewer touches by this one, and remove the end."""
+        _, rows = read_lines(self.path)
+        with whole_file(self.path) as temporary:
+            append_lines(temporary, self._header(), [row for row in rows if _END not in row])
+
     def _header(self) -> Row:
         return {"touch_log": 1, **self.facts}
 
@@ -161,6 +168,8 @@ def _row(probe: LoggedProbe) -> Row:
     row |= {"X_OH": None, "joint_positions": None} if hand_pose is None else fields_of(hand_pose)
     row |= {"dropped": observation.dropped} if len(observation.dropped) else {}
     row |= {"slid": outcome.slid} if outcome.slid else {}
+    row |= {"seconds": dict(outcome.seconds)} if outcome.seconds else {}
+    row |= {"left_at": outcome.left_at} if len(outcome.left_at) else {}
     row |= beside_rows(observation)
     row |= {} if belief is None else {"tracked_pose": belief.as_dict()}
     row |= {} if probe.X_EO is None else {"simulated_pose": probe.X_EO}
@@ -210,6 +219,8 @@ def _probe_of(row: TouchEntry) -> LoggedProbe:
         np.array(row.free_radii),
         None if row.X_OH is None else HandPose(np.array(row.X_OH), np.array(row.joint_positions)),
         row.slid,
+        row.seconds,
+        np.array(row.left_at),
     )
     tracked = row.tracked_pose
     belief = None if tracked is None else PoseBelief.from_dict(tracked.model_dump())
@@ -285,4 +296,6 @@ class TouchEntry(FileRecord):
     refused: list[RefusedEntry] = Field(default_factory=list)
     slides: list[Vector] = Field(default_factory=list)
     slid: Annotated[int, Field(ge=0)] = 0
+    seconds: dict[str, Annotated[float, Field(ge=0.0)]] = Field(default_factory=dict)
+    left_at: list[Number] = Field(default_factory=list)
     disturbance: DisturbanceEntry | None = None

@@ -21,22 +21,26 @@ from lis_grasp.geometry import (
 from lis_grasp.lifting.scene import HandContact
 from lis_grasp.typing import FloatArray
 
-_LEAST_FORCE = 0.05  # [N] of a contact that moves the object
 # Deviations of an object's motion from that of a link that touches it, along the normal and across
-# [m]; of its motion by itself [rad, m]; and of the tilt and rise of one that stands on a table.
+# [m]; and of its motion by itself [rad, m].
 _ALONG, _ACROSS = 0.0003, 0.0006
 _TURNING, _FREE = 0.08, 0.004
-_TILTING, _RISING = 0.035, 0.0015
+_LEAST_FORCE = 1e-6  # [N], so that contacts without a force have no weight
+# Weight of the latter while the links move it, so that no motion that they determine is shortened.
+_WEAK = 0.01
+
+_OWN_INFORMATION = np.diag(1.0 / np.repeat([_TURNING, _FREE], 3) ** 2)  # (6, 6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Touches:
-    """C contacts: the links, the points fixed on them in L and in H [m], and the normals in H."""
+    """C contacts: the links, the points fixed on them in L and in H [m], the normals in H."""
 
     links: tuple[str, ...]
     p_L: FloatArray  # (C, 3)
     points: FloatArray  # (C, 3)
     normals: FloatArray  # (C, 3)
+    grips: FloatArray  # (C,): forces as fractions of the largest
 
 
 class ContactOdometry:
@@ -83,22 +87,24 @@ class ContactOdometry:
             at = [X_WL(link) for link in before.links]
             in_world = [apply_pose(X, p) for X, p in zip(at, before.p_L, strict=True)]
             moved = apply_pose(X_HW, np.array(in_world)) - start
-            rows, weights = _rows(start - middle), _weights(rotate(alone, before.normals))
+            # What slides over the object pushes it less than what holds it.
+            weights = before.grips[:, None, None] * _weights(rotate(alone, before.normals))
+            rows = _rows(start - middle)
             information = np.einsum("cki,ckl,clj->ij", rows, weights, rows)
-            information += _own_information(X_HW[:3, 2] if stands else None)
+            information += _WEAK * _OWN_INFORMATION
             pushed = np.einsum("cki,ckl,cl->i", rows, weights, moved)
             twist = np.linalg.solve(information, pushed)
             R = Rotation.from_rotvec(twist[:3]).as_matrix()
             self.X_HO = make_pose(R, middle + twist[3:] - R @ middle) @ self.X_HO
-        felt = [contact for contact in contacts if contact.strength >= _LEAST_FORCE]
         self._touches = None
-        if felt:
-            points, normals = (np.array([getattr(c, name) for c in felt]) for name in _OF_CONTACT)
+        if contacts:
+            forces = np.array([contact.strength for contact in contacts])
             self._touches = _Touches(
-                tuple(contact.link for contact in felt),
-                np.array([apply_inverse(X_WL(contact.link), contact.point) for contact in felt]),
-                apply_pose(X_HW, points),
-                rotate_back(X_WH, normals),
+                tuple(contact.link for contact in contacts),
+                np.array([apply_inverse(X_WL(each.link), each.point) for each in contacts]),
+                apply_pose(X_HW, np.array([contact.point for contact in contacts])),
+                rotate_back(X_WH, np.array([contact.normal for contact in contacts])),
+                forces / max(forces.max(), _LEAST_FORCE),
             )
 
     def covariance(self) -> FloatArray:
@@ -106,7 +112,7 @@ class ContactOdometry:
 
         Contacts limit it; where none does, the object may have moved by itself.
         """
-        information = _own_information(None)
+        information = _OWN_INFORMATION.copy()
         if (now := self._touches) is not None:
             # A contact turns about its normal unnoticed, so each link counts as one point.
             each = [np.array(now.links) == link for link in dict.fromkeys(now.links)]
@@ -115,9 +121,6 @@ class ContactOdometry:
             rows = _rows(points - apply_pose(self.X_HO, self._center))
             information += np.einsum("cki,ckl,clj->ij", rows, _weights(normals), rows)
         return np.asarray(np.linalg.inv(information))
-
-
-_OF_CONTACT = ("point", "normal")
 
 
 def _weights(normals: FloatArray) -> FloatArray:
@@ -129,16 +132,3 @@ def _weights(normals: FloatArray) -> FloatArray:
 def _rows(arms: FloatArray) -> FloatArray:
     """Return how a twist moves points at arms (C, 3) from the centre, shape (C, 3, 6)."""
     return np.concatenate([-cross_matrix(arms), np.broadcast_to(np.eye(3), (len(arms), 3, 3))], 2)
-
-
-def _own_information(vertical: FloatArray | None) -> FloatArray:
-    """Return the information (6, 6) that an object does not move by itself.
-
-    On a table with a unit `vertical` (3,) it hardly rises or tilts.
-    """
-    own = np.diag(1.0 / np.repeat([_TURNING, _FREE], 3) ** 2)
-    if vertical is not None:
-        up = np.outer(vertical, vertical)
-        own[:3, :3] += (np.eye(3) - up) / _TILTING**2
-        own[3:, 3:] += up / _RISING**2
-    return own

@@ -149,6 +149,7 @@ class LiftOutcome(Record):
     pose_in_hand: PoseInHand | None = None
     #: its distance [m] and angle [rad] from the true one
     pose_error: tuple[float, float] | None = None
+    seconds: Mapping[str, float] = field(default_factory=dict)  #: of each phase, in order [s]
 
     @classmethod
     def not_begun(cls, reason: Reason, X_WO: FloatArray) -> LiftOutcome:

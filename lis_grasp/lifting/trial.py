@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 
 import numpy as np
@@ -66,13 +68,15 @@ class LiftTrial:
         self._place: PlaceOutcome | None = None
         self._pose: PoseInHand | None = None
         self._pose_error: tuple[float, float] | None = None
+        self._seconds: dict[str, float] = {}  # by phase
 
     def run(self) -> LiftOutcome:
         """Run the phases until one fails or all are done."""
         try:
             reason = self._run_phases()
             if reason == "held":
-                self._put_down()
+                with self._timed("put_down"):
+                    self._put_down()
         except ArmStoppedError as stopped:
             reason = stopped.reason
         except SimulationError:
@@ -100,6 +104,7 @@ class LiftTrial:
             place=self._place,
             pose_in_hand=self._pose,
             pose_error=self._pose_error,
+            seconds=dict(self._seconds),
         )
 
     def _run_phases(self) -> Reason:
@@ -108,17 +113,29 @@ class LiftTrial:
             *(before.settle, before.approach, before.close),
             *(self._lift, self._shake, self._hold),
         ):
-            _LOG.info("%s", phase.__name__.strip("_"))
+            name = phase.__name__.strip("_")
+            _LOG.info("%s", name)
             failure: Reason | None
             try:
-                failure = phase()
+                with self._timed(name):
+                    failure = phase()
             except BodyHitError:
                 failure = "hit_body"
             if failure is not None:
                 if self._accept_grasp is not None and failure in LOST_GRASPS:
-                    self._let_go()
+                    with self._timed("let_go"):
+                        self._let_go()
                 return failure
         return "held"
+
+    @contextmanager
+    def _timed(self, phase: str) -> Iterator[None]:
+        """Add the simulated time of a phase [s], however it ends."""
+        begin = self._scene.time
+        try:
+            yield
+        finally:
+            self._seconds[phase] = self._scene.time - begin
 
     def _lift(self) -> Reason | None:
         self._felt.is_lifted, duration = True, self._options.lift_time

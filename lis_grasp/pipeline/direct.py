@@ -1,4 +1,4 @@
-"""The stages from an object and a hand: `lis_grasp.run`, `explore`, `plan` and `lift`.
+"""The stages from an object and a hand: `lis_grasp.run`, `explore`, `next_touch`, `plan`, `lift`.
 
 They make a task from options by name (see `Task.of`), and call the stages.
 """
@@ -10,6 +10,7 @@ from typing import Any
 
 import trimesh
 
+from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Exploration
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.outcome import LiftOutcome
@@ -30,6 +31,8 @@ from lis_grasp.results.whole_run import run_task
 from lis_grasp.shapes.shape import require_mesh
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.lift import lift_object
+from lis_grasp.stages.next_touch import NextTouch, ObjectPlace
+from lis_grasp.stages.next_touch import next_touch as choose_touch
 from lis_grasp.stages.plan import plan_grasps
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.stages.touch import touch
@@ -39,6 +42,10 @@ from lis_grasp.typing import Seed
 from lis_grasp.world import Surroundings
 
 # Options that a plan and a lift use, beside hand and object.
+_OF_PLACE = ("center", "size", "held", "region")
+_OF_TOUCH = (
+    *("estimator", "policy", "slide", "position_noise", "normal_noise", "keep_all", "world", "at"),
+)
 _LOAD = ("size", "units", "up", "mass", "friction", "load", "arm", "base", "world", "at")
 
 
@@ -145,6 +152,60 @@ def explore(
     later = {"object", "hand", "free_space", *LIFTING}
     require_options(options, {"known", *task_options()} - later)
     return touch(_scenario(object, hand, {"seed": seed_of(rng, options), **options}))
+
+
+def next_touch(
+    contacts: Contacts,
+    hand: AnyHand = USUAL_HAND,
+    *,
+    support_height: float | None = None,
+    rng: Seed = 0,
+    **options: Any,
+) -> NextTouch:
+    """Return where a hand should touch an object next, given contacts so far.
+
+    The touch equals that of ``lis-grasp next``.
+
+    Parameters
+    ----------
+    contacts
+        Contacts so far, in any frame O with z up; none if the object is in a ``region``.
+    hand
+        The hand.
+    support_height
+        Height of the table in O [m]; None for the lowest contact, or for an object that is held in
+        the air with ``held=True``.
+    rng
+        Seed, or a generator that draws it.
+    options
+        ``center`` (3,) and ``size`` [m] of the object, ``held``, or the ``region``, lengths (3,)
+        of a box on the table z = 0 [m]; and of `Task.of` ``estimator``, ``policy``, ``slide``,
+        ``position_noise``, ``normal_noise``, ``keep_all`` and ``world``.
+
+    Raises
+    ------
+    EstimationError
+        If no probe can be approached, or the policy has none left.
+    LisGraspError
+        If an input cannot be used, or neither contacts nor options show where the object is.
+    TypeError
+        If there is no such option.
+
+    Examples
+    --------
+    >>> touch = next_touch(contacts, "wsg50", support_height=-0.03)
+    >>> touch.probe.target.shape, touch.approach.X_OH.shape, touch.approach.posture.finger
+    ((3,), (4, 4), 'left')
+    """
+    require_options(options, (*_OF_PLACE, *_OF_TOUCH, "seed"))
+    place = {name: options.pop(name) for name in _OF_PLACE if name in options}
+    options["seed"] = seed_of(rng, options)
+    task = Task.of(known=True, hand=hand_name(hand), **options)
+    known = ObjectPlace(support=support_height, **place)
+    agent = Agent.of(task, 0.0, hand=loaded_hand(hand))
+    if len(contacts) and not task.decide.keep_all:
+        contacts = agent.perception.judge(contacts).credible
+    return choose_touch(agent.placed(known.space(contacts)), contacts)
 
 
 def plan(

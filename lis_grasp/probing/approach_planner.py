@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
-from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.arms.reach import ArmProbe, ProbeReach
+from lis_grasp.arms.reach import ArmPlace, ArmProbe, ProbeReach
 from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, make_pose, tangent_frame
 from lis_grasp.probing.bodies_beside import POSE_SPACING, BodiesBeside
+from lis_grasp.probing.exposure import SPACING, exposed_width
+from lis_grasp.probing.keep_out import FREE, INSIDE, KeepOut, keep_out_of
 from lis_grasp.records import Record
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import ProbePosture
@@ -50,16 +53,6 @@ _FIRST = 1 + len(_TILTED)
 
 # Spacing of points on the hand; links are thicker [m].
 _SPACING = 0.015
-# Cells of the grid along the object's largest extent; the grid extends this many sizes beyond it.
-_CELLS, _MARGIN = 24, 0.2
-# Fewer contacts do not show a surface, and inner links may be anywhere.
-_FEW = 5
-# Distance to keep from the estimate: standard deviations, and its bounds [m].
-_DEVIATIONS, _LEAST, _LARGEST = 2.0, 0.004, 0.012
-
-FREE, NEAR, INSIDE = range(3)
-"""Places that are off the estimate, within its uncertainty, and inside of it."""
-
 NO_FREE_START = "no finger and roll of the hand is collision-free at the start"
 NO_FREE_APPROACH = "no finger and roll of the hand has a collision-free straight approach"
 OUT_OF_ARM_REACH = "the arm reaches no collision-free straight approach of the hand"
@@ -122,10 +115,10 @@ class ApproachPlanner:
             (posture, leading_center(hand, posture), points_H)
             for posture, points_H in zip(postures, points, strict=True)
         ]
-        self._inner: dict[str, FloatArray] = {}  # by finger; only an arm needs it
-        if station is not None:
-            inner = points_on_links(hand, joints, hand.fingertip_links)
-            self._inner = {p.finger: points for p, points in zip(postures, inner, strict=True)}
+        inner = points_on_links(hand, joints, hand.fingertip_links)
+        tips = points_on_links(hand, joints, set(hand.links) - hand.fingertip_links)
+        self._inner = {p.finger: points for p, points in zip(postures, inner, strict=True)}
+        self._tips = {p.finger: points for p, points in zip(postures, tips, strict=True)}
 
     def place_station(self, station: Station) -> None:
         """Place the station in the frame of the probes."""
@@ -136,17 +129,24 @@ class ApproachPlanner:
         found = self.find(probe, obstacles)
         return None if isinstance(found, str) else found
 
-    def find(self, probe: Probe, obstacles: ObstacleModel) -> Approach | str:
-        """Return the first collision-free approach, or why there is none."""
+    def find(
+        self, probe: Probe, obstacles: ObstacleModel, start: ArmPlace | None = None
+    ) -> Approach | str:
+        """Return the first collision-free approach, or why there is none.
+
+        Of those along one axis, an arm takes the one nearest to its `start`; None for its home.
+        """
         blocked = NO_FREE_APPROACH if self._reach is None else OUT_OF_ARM_REACH
         centers = [probe.start - posture.radius * probe.direction for posture, _, _ in self._bodies]
         if obstacles.occupies(np.array(centers)).all():
             return blocked
         first_hit: tuple[ProbePosture, FloatArray] | None = None
+        searched: list[Approach] = []
         axes = np.vstack([probe.direction, self._axes @ rotation_to_x(probe.direction)])
-        keep_out: KeepOut | None = None
-        if self._reach is not None:
-            keep_out = KeepOut(obstacles)
+        keep_out = keep_out_of(obstacles)
+        height = obstacles.space.support_height
+        searches = height is not None and probe.direction[2] == 0.0
+        if self._reach is not None or searches:
             axes = np.vstack([axes[:_FIRST], _turned_down(probe.direction), axes[_FIRST:]])
         spare: list[list[Approach]] = []
         for axis in axes:
@@ -176,20 +176,44 @@ class ApproachPlanner:
                             first_hit = first_hit or (posture, between)
                             continue
                         rolled[k] = between
-                    if keep_out is None:
-                        return rolled[k]
                     level = self._nearness(rolled[k], probe, keep_out)
-                    if level < INSIDE:
-                        (near if level else free).append(rolled[k])
+                    if level == FREE:
+                        (searched if searches else free).append(rolled[k])
+                    elif level < INSIDE or self._reach is None:
+                        near.append(rolled[k])
             spare.append(near)
-            if (reached := self._reached(free, probe, obstacles)) is not None:
+            if (reached := self._reached(free, probe, obstacles, start)) is not None:
                 return reached
+        if searches and height is not None:
+            for some in self._least_exposed(searched, probe, height):
+                if (reached := self._reached(some, probe, obstacles, start)) is not None:
+                    return reached
         for near in spare:
-            if (reached := self._reached(near, probe, obstacles)) is not None:
+            if (reached := self._reached(near, probe, obstacles, start)) is not None:
                 return reached
         if first_hit is None or self._beside is None:
             return blocked
         return f"{blocked}: {self._beside.in_the_way(*first_hit)} is in the way"
+
+    def _least_exposed(
+        self, approaches: list[Approach], probe: Probe, height: float
+    ) -> Iterator[list[Approach]]:
+        """Yield the approaches to a level motion above a table, equally exposed ones at once.
+
+        The least exposed are first.
+        """
+
+        def exposed(approach: Approach) -> float:
+            inner, tips = (
+                apply_pose(approach.X_OH, points[approach.posture.finger])
+                for points in (self._inner, self._tips)
+            )
+            width = exposed_width(inner, tips, probe.direction, height)
+            return float(np.round(width / SPACING))
+
+        widths = [(exposed(approach), approach) for approach in approaches]
+        for _, equal in groupby(sorted(widths, key=itemgetter(0)), itemgetter(0)):
+            yield [approach for _, approach in equal]
 
     def _between(
         self, approach: Approach, probe: Probe, obstacles: ObstacleModel, beside: BodiesBeside
@@ -222,17 +246,22 @@ class ApproachPlanner:
         return keep_out.nearness(points + np.vstack([ahead, -back])[:, None])
 
     def _reached(
-        self, approaches: list[Approach], probe: Probe, obstacles: ObstacleModel
+        self,
+        approaches: list[Approach],
+        probe: Probe,
+        obstacles: ObstacleModel,
+        start: ArmPlace | None,
     ) -> Approach | None:
-        """Return the first of the approaches that the arm can follow."""
+        """Return one of the approaches that the arm can follow, the nearest to its start."""
         if self._reach is None or not approaches:
-            return None
+            return approaches[0] if approaches else None
         reached = self._reach.first(
             np.array([approach.X_OH for approach in approaches]),
             np.array([approach.posture.joint_positions for approach in approaches]),
             approach=np.array([approach.distance * approach.axis for approach in approaches]),
             motion=(probe.standoff + probe.overshoot) * probe.direction,
             occupied=obstacles.occupies,
+            start=start,
         )
         return None if reached is None else replace(approaches[reached[0]], arm=reached[1])
 
@@ -279,43 +308,6 @@ def leading_center(hand: Hand, posture: ProbePosture) -> FloatArray:
 def rotation_to_x(direction: FloatArray) -> FloatArray:
     """Return a rotation, shape (3, 3), that takes the unit `direction` to +x."""
     return np.vstack([direction, tangent_frame(direction)])
-
-
-class KeepOut:
-    """The estimated object, and the space within two standard deviations of its surface.
-
-    Only fingertips are to touch it: the estimate counts everywhere, also far from all contacts.
-    A grid of nodes approximates it; with fewer than five contacts, everything is free.
-    """
-
-    def __init__(self, obstacles: ObstacleModel) -> None:
-        space, surface = obstacles.space, obstacles.surface
-        self._cell = space.size / _CELLS
-        count = int(np.ceil((1.0 + 2.0 * _MARGIN) * _CELLS)) + 1
-        self._lowest = space.center - 0.5 * (count - 1) * self._cell
-        self._levels = np.full((count,) * 3, FREE, dtype=np.int8)
-        if surface is None or len(obstacles.contacts) < _FEW:
-            return
-        nodes = self._lowest + self._cell * np.moveaxis(np.indices((count,) * 3), 0, -1)
-        inside = surface.evaluate(nodes) < 0.0  # (X, Y, Z)
-        if not inside.any():
-            return
-        distances, nearest = ndimage.distance_transform_edt(~inside, return_indices=True)
-        border = inside & ~ndimage.binary_erosion(inside)
-        margins = np.zeros(inside.shape)
-        deviations = surface.uncertainty(nodes[border])
-        margins[border] = np.clip(_DEVIATIONS * deviations, _LEAST, _LARGEST)
-        # The surface is half a cell beyond the last node inside, on average.
-        apart = (distances - 0.5) * self._cell
-        self._levels[apart < margins[tuple(nearest)]] = NEAR
-        self._levels[inside] = INSIDE
-
-    def nearness(self, points: FloatArray) -> int:
-        """Return the worst place of points (..., 3) [m]: `FREE`, `NEAR` or `INSIDE`."""
-        index = np.round((points - self._lowest) / self._cell).astype(np.intp)
-        within = ((index >= 0) & (index < len(self._levels))).all(axis=-1)
-        i, j, k = index[within].T
-        return int(self._levels[i, j, k].max(initial=FREE))
 
 
 def points_on_links(

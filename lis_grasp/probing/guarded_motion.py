@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.reach import ArmPlace
 from lis_grasp.arms.station import Station
+from lis_grasp.arms.trajectory import JointTrajectory
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import PROBE_SPEED
-from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate, unit
 from lis_grasp.motion import OBJECT
 from lis_grasp.probing.approach_planner import NO_FREE_START, Approach, leading_center
@@ -82,6 +84,9 @@ class GuardedMotion:
             name: _balls_in_hand(hand, posture) for name, posture in hand.probe_postures.items()
         }
         self._X_OE: FloatArray | None = None  # None for the identity
+        #: where an arm is; None at home
+        self.arm_at: ArmPlace | None = None
+        self._space: Workspace | None = None  # of the last probe
 
     def place_object(self, X_EO: FloatArray) -> None:
         """Place the true object at a pose, shape (4, 4)."""
@@ -104,12 +109,30 @@ class GuardedMotion:
 
     def reaches(self, probe: Probe, obstacles: ObstacleModel) -> str:
         """Return why no finger reaches a probe; empty if one does."""
-        found = self._planner.approach(probe, self._planner.kept_off(obstacles))
+        known = self._planner.kept_off(obstacles)
+        found = self._planner.approach(probe, known, self.arm_at)
         return found if isinstance(found, str) else ""
 
     def place_station(self, station: Station) -> None:
         """Place the station of the arm in the frame E."""
         self._planner.place_station(station)
+
+    def resume(self, recorded: Sequence[ProbeOutcome]) -> None:
+        """Begin where the last of the recorded probes that moved left the arm."""
+        moved = [outcome for outcome in recorded if outcome.duration > 0.0]
+        if moved and len(moved[-1].left_at):
+            self.arm_at = self._planner.arm_place(moved[-1].left_at)
+
+    def way_home(self) -> JointTrajectory | None:
+        """Return the arm's path home, if it is not there; None without a path too."""
+        if self.arm_at is None or self._space is None:
+            return None
+        return self._planner.way_home(self.arm_at, self._space)
+
+    def go_home(self) -> float:
+        """Move the arm home; return the time [s]."""
+        way, self.arm_at = self.way_home(), None
+        return 0.0 if way is None else way.duration
 
     def run(self, probe: Probe, obstacles: ObstacleModel | None = None) -> Course | str:
         """Move up to the first contact; return the course, or the reason that blocks the probe.
@@ -125,18 +148,19 @@ class GuardedMotion:
             approach = started
         else:
             obstacles = self._planner.kept_off(obstacles)
-            planned = self._planner.approach(probe, obstacles)
+            self._space = obstacles.space
+            planned = self._planner.approach(probe, obstacles, self.arm_at)
             if isinstance(planned, str):
                 return planned
             approach = planned
             met = self._place(approach, approach.X_OH_outside)
             if met is not None:
                 return _no_start(met)
-            transit = self._planner.transit(approach, obstacles.space)
+            transit = self._planner.transit(approach, obstacles.space, self.arm_at)
             if isinstance(transit, str):
                 return transit
             way = transit
-        way_in, ahead = self._planner.legs(approach, probe)
+        way_in, ahead = self._planner.legs(approach, probe, obstacles)
         posture, touched = approach.posture, None
         if way_in.planned > 0.0:
             way_in, touched = self._moved(way_in, way_in.planned)
@@ -151,6 +175,8 @@ class GuardedMotion:
             ahead, touched = self._moved(ahead, end)
             legs, at_table = (way_in, ahead), touched is None and at_table
         course = Course(posture.finger, posture.joint_positions, legs, touched, at_table, way)
+        if way_in.q_arm is not None:
+            self.arm_at = ArmPlace(way_in.q_arm[0], posture.joint_positions)
         slide = self._slide(probe, course, obstacles)
         return course if slide is None else replace(course, slide=slide)
 
@@ -259,6 +285,8 @@ class GuardedMotion:
             "blocked" if course.at_table else "missed",
             free_points=free_points,
             duration=course.duration,
+            seconds=course.seconds,
+            left_at=np.empty(0) if self.arm_at is None else self.arm_at.joint_positions,
             reason=AT_TABLE if course.at_table else "",
             free_radii=free_radii,
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -101,9 +101,18 @@ class KinematicProber:
             status="touched",
             contacts=contacts,
             duration=course.duration + longest,
+            seconds={**course.seconds, **({"extend": longest} if longest else {})},
             hand_pose=HandPose(course.X_OH_end, q),
             slid=len(touches) - made,
         )
+
+    def resume(self, recorded: Sequence[ProbeOutcome]) -> None:
+        """Begin where the last of the recorded probes left the arm."""
+        self._motion.resume(recorded)
+
+    def go_home(self) -> float:
+        """Move the arm home; see `HomingProber`."""
+        return self._motion.go_home()
 
     def reaches(self, probe: Probe, obstacles: ObstacleModel) -> str:
         """Return why no finger reaches a probe; empty if one does. See `PlanningProber`."""

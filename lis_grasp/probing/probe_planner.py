@@ -10,20 +10,23 @@ import numpy as np
 import trimesh
 
 from lis_grasp.arms.placement import home_of
+from lis_grasp.arms.reach import ArmPlace
 from lis_grasp.arms.station import Station
-from lis_grasp.arms.trajectory import JointTrajectory, time_path
+from lis_grasp.arms.trajectory import JointTrajectory, joined, time_path
 from lis_grasp.arms.transit import TransitPlanner
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.probe_motions import (
-    ARM_APPROACH_SPEED,
     ARM_PROBE_SPEED,
+    ARM_SEARCH_SPEED,
     PROBE_SPEED,
-    TRANSIT_SPEED,
+    SEARCH_SPEED,
 )
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
+from lis_grasp.geometry import apply_pose
 from lis_grasp.probing.approach_planner import Approach, ApproachPlanner, points_on_links
 from lis_grasp.probing.bodies_beside import BodiesBeside
 from lis_grasp.probing.course import Leg
+from lis_grasp.probing.keep_out import KeepOut, keep_out_of
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
@@ -32,7 +35,12 @@ from lis_grasp.world import ALONE, Surroundings
 # An arm keeps the hand this far off the table [m], because it sags a little.
 _ARM_ERROR = 0.003
 
-NO_ARM_TRANSIT = "the arm has no collision-free path from its home to the approach"
+NO_ARM_TRANSIT = "the arm has no collision-free path to the approach"
+
+# Postures of a hand that are checked on a way on which it changes, and the least time of that [s].
+_BETWEEN, _CHANGE = 4, 0.5
+# Spacing of the poses of a hand at which it is seen how far its way is free [m].
+_LOOK = 0.005
 
 # The leading fingertip of an approach begins at the ball that contains the object. Transits keep
 # off a ball smaller by these lengths [m]; where the hand begins inside, by these fractions.
@@ -67,6 +75,10 @@ class ProbePlanner:
             name: self._checker.poses_in_hand(posture.joint_positions)
             for name, posture in hand.probe_postures.items()
         }
+        self._points = {
+            name: self.points(posture.joint_positions)
+            for name, posture in hand.probe_postures.items()
+        }
 
     def place_station(self, station: Station) -> None:
         """Place the station of the arm in the frame of the probes."""
@@ -93,13 +105,18 @@ class ProbePlanner:
         space = replace(obstacles.space, support_height=height + _ARM_ERROR)
         return replace(obstacles, space=space)
 
-    def approach(self, probe: Probe, obstacles: ObstacleModel) -> Approach | str:
-        """Return the approach to a probe, or the reason why there is none."""
+    def approach(
+        self, probe: Probe, obstacles: ObstacleModel, start: ArmPlace | None = None
+    ) -> Approach | str:
+        """Return the approach to a probe, or the reason why there is none.
+
+        An arm comes from its home, or from another `start`.
+        """
         if self.beside is None:
-            return self._approaches.find(probe, obstacles)
+            return self._approaches.find(probe, obstacles, start)
         asked = (probe, obstacles.contacts, obstacles.surface)
         if any(now is not before for now, before in zip(asked, self._asked, strict=True)):
-            self._asked, self._found = asked, self._approaches.find(probe, obstacles)
+            self._asked, self._found = asked, self._approaches.find(probe, obstacles, start)
         return self._found
 
     def before_bodies(self, approach: Approach, probe: Probe) -> float:
@@ -113,25 +130,52 @@ class ProbePlanner:
         """Yield every hand at the start of a probe, without an approach and without a check."""
         return self._approaches.starts(probe)
 
-    def transit(self, approach: Approach, space: Workspace) -> JointTrajectory | str | None:
-        """Return an arm's path from home to an approach, or why there is none; None without arm."""
+    def transit(
+        self, approach: Approach, space: Workspace, start: ArmPlace | None = None
+    ) -> JointTrajectory | str | None:
+        """Return an arm's path to an approach, or why there is none; None without arm.
+
+        It is from home, or from another `start`.
+        """
         if self._transits is None or approach.arm is None:
             return None
         begin, q_hand = approach.arm.approach[0], approach.posture.joint_positions
-        return self._transits.plan(begin, q_hand, space) or NO_ARM_TRANSIT
+        return self._transits.between(start, begin, q_hand, space) or NO_ARM_TRANSIT
 
-    def legs(self, approach: Approach, probe: Probe) -> tuple[Leg, Leg]:
-        """Return the approach and the probe's motion as planned, without a contact."""
+    def arm_place(self, left_at: FloatArray) -> ArmPlace:
+        """Return where an arm rests at joint positions of arm and hand, (J + K,)."""
+        ahead = len(left_at) - len(self.hand.joint_names)
+        return ArmPlace(left_at[:ahead], left_at[ahead:])
+
+    def way_home(self, start: ArmPlace, space: Workspace) -> JointTrajectory | None:
+        """Return an arm's path home, or None."""
+        return None if self._transits is None else self._transits.way_home(start, space)
+
+    def legs(
+        self, approach: Approach, probe: Probe, obstacles: ObstacleModel | None
+    ) -> tuple[Leg, Leg]:
+        """Return the approach and the probe's motion as planned, without a contact.
+
+        They are slow where the hand may touch something, and faster there if nothing is known.
+        """
         begin, axis, distance = approach.X_OH_outside, approach.axis, approach.distance
         X_OH, along, length = approach.X_OH, probe.direction, probe.standoff + probe.overshoot
-        if approach.arm is None:
-            slow = self._probe_speed
-            return Leg(begin, axis, distance, TRANSIT_SPEED), Leg(X_OH, along, length, slow)
-        q_in, q_ahead = approach.arm.approach, approach.arm.motion
-        return (
-            Leg(begin, axis, distance, ARM_APPROACH_SPEED, q_in),
-            Leg(X_OH, along, length, ARM_PROBE_SPEED, q_ahead),
+        speed, searching, q_in, q_ahead = self._probe_speed, SEARCH_SPEED, None, None
+        if approach.arm is not None:
+            speed, searching = ARM_PROBE_SPEED, ARM_SEARCH_SPEED
+            q_in, q_ahead = approach.arm.approach, approach.arm.motion
+        way_in = Leg(begin, axis, distance, speed, q_arm=q_in)
+        ahead = Leg(X_OH, along, length, speed, q_arm=q_ahead)
+        if obstacles is None:
+            return way_in, ahead
+        keep_out = keep_out_of(obstacles)
+        points = self._points[approach.posture.finger]
+        if not keep_out.is_known:
+            way_in, ahead = (_searching(leg, searching) for leg in (way_in, ahead))
+        way_in, ahead = (
+            replace(leg, free=_free_length(leg, points, keep_out)) for leg in (way_in, ahead)
         )
+        return way_in, ahead
 
     def points(self, *postures: FloatArray) -> FloatArray:
         """Return points on the links in postures (J,), at most 15 mm apart, (P, 3), in H [m]."""
@@ -148,6 +192,20 @@ class ProbePlanner:
         return max(lowest - height, 0.0) / -float(probe.direction[2])
 
 
+def _searching(leg: Leg, speed: float) -> Leg:
+    """Return a leg at the speed of a search [m/s]: the table yields to no push, so down is slow."""
+    steep = max(abs(float(leg.direction[2])), leg.speed / speed)
+    return replace(leg, speed=max(leg.speed, min(speed, leg.speed / steep)))
+
+
+def _free_length(leg: Leg, points: FloatArray, keep_out: KeepOut) -> float:
+    """Return how far a hand with points (P, 3) in H goes on a leg before it may touch [m]."""
+    steps = np.append(np.arange(0.0, leg.planned, _LOOK), leg.planned)
+    places = apply_pose(leg.X_OH, points) + steps[:, None, None] * leg.direction  # (S, P, 3)
+    near = keep_out.may_touch(places).any(axis=1)
+    return leg.planned if not near.any() else float(steps[max(int(np.argmax(near)) - 1, 0)])
+
+
 def transit_radii(space: Workspace) -> list[float]:
     """Return the radii [m] of balls about an object that a transit keeps out of, in turn."""
     radii = [space.radius - inside for inside in _INSIDE]
@@ -155,33 +213,70 @@ def transit_radii(space: Workspace) -> list[float]:
 
 
 class ArmTransits:
-    """Plans an arm's path from home to the approach of each probe, outside of the object's ball.
+    """Plans an arm's paths from probe to probe, outside of the object's ball.
 
-    The content of the ball is unknown, and only approach and probe enter it. The arm returns along
-    the same path, so that a probe does not depend on the one before.
+    The content of the ball is unknown, and only approach and probe enter it. The hand changes its
+    posture on the way where every posture between is free, else at home.
     """
 
     def __init__(self, station: Station) -> None:
         self._station, self._home = station, home_of(station)
         self._planners: dict[tuple[float, ...], TransitPlanner] = {}
 
-    def plan(
-        self, goal: FloatArray, q_hand: FloatArray, space: Workspace
+    def between(
+        self, start: ArmPlace | None, goal: FloatArray, q_hand: FloatArray, space: Workspace
     ) -> JointTrajectory | None:
-        """Return the motion from home to a posture (J,); None if there is no path.
+        """Return the motion to a posture (J,) of the arm with the hand at (K,); None if none.
 
-        `q_hand` (K,) are the hand's joint positions.
+        It begins at home, or at another start.
+        """
+        if start is not None:
+            direct = self._plan(start.q_arm, goal, q_hand, space, start.q_hand)
+            if direct is not None:
+                return direct
+        onward = self._plan(self._home, goal, q_hand, space)
+        if start is None or onward is None:
+            return onward
+        home = self.way_home(start, space)
+        return None if home is None else joined([home, onward])
+
+    def way_home(self, start: ArmPlace, space: Workspace) -> JointTrajectory | None:
+        """Return the motion home; None if there is no path."""
+        return self._plan(start.q_arm, self._home, start.q_hand, space)
+
+    def _plan(
+        self,
+        start: FloatArray,
+        goal: FloatArray,
+        q_hand: FloatArray,
+        space: Workspace,
+        q_before: FloatArray | None = None,
+    ) -> JointTrajectory | None:
+        """Return the motion from posture to posture (J,); None if there is no path.
+
+        The hand gets from another posture `q_before` (K,) to `q_hand` (K,) on the way.
         """
         for radius in transit_radii(space):
             planner = self._planner(space, radius)
             rng = np.random.default_rng(0)  # equal calls, equal transits
-            corners = planner.plan(self._home, goal, q_hand, rng=rng)
+            corners = planner.plan(start, goal, q_hand, rng=rng)
             if corners is not None:
-                return time_path(
-                    self._station.arm,
-                    corners,
-                    is_free=partial(planner.is_free, q_hand=q_hand),
-                )
+                is_free = partial(planner.is_free, q_hand=q_hand)
+                motion = time_path(self._station.arm, corners, is_free=is_free)
+                if q_before is None:
+                    return motion
+                # A way between two places low above the table would stay low: it goes home first.
+                if not planner.keeps_off(corners[[0, -1]], q_hand):
+                    return None
+                if np.array_equal(q_before, q_hand):
+                    return motion
+                parts = np.linspace(0.0, 1.0, _BETWEEN, endpoint=False)[:, None]
+                between = q_before + parts * (q_hand - q_before)
+                if motion.duration >= _CHANGE and all(
+                    planner.is_free(motion.positions, q) for q in between
+                ):
+                    return motion
+                return None
         return None
 
     def _planner(self, space: Workspace, radius: float) -> TransitPlanner:

@@ -111,7 +111,8 @@ def estimate_file(
         mesh = write_surface(temporary, known, contacts, made, progress)
         if not is_kept:
             with result_file(folder / "contacts.ply", progress) as copy:
-                contacts.save(copy, header=provenance.merge(recorded))
+                given = {} if place.support is None else {"support_height": place.support}
+                contacts.save(copy, header=provenance.merge(recorded, **given))
     return EstimatedFile(path, mesh, contacts, not is_kept)
 
 

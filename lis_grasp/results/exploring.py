@@ -54,9 +54,9 @@ def explore_into(
     Returns the scenario after the exploration, and the exploration.
 
     contacts.ply has the touches, then the points of the cloud, unless the object was lost. An
-    interrupted exploration is resumed from its log, and the touches of a finished one are used
-    again. If what the exploration depends on has changed since, it starts from the beginning, and
-    the earlier results are removed.
+    interrupted exploration, or one of fewer touches, is resumed from its log, and the touches of a
+    finished one are used again. If what the exploration depends on has changed since, it starts
+    from the beginning, and the earlier results are removed.
 
     `progress` gets the reason for a start from the beginning, and the steps. `fresh` starts
     from the beginning in any case. Demands of new touches on an arm are added to

@@ -17,6 +17,7 @@ from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_covera
 from lis_grasp.exploration import STEP_FRACTION, Exploration, Region
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.lifting.outcome import LiftOutcome
+from lis_grasp.results.motion_times import motion_times
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.stages.configured_arm import station_facts
 from lis_grasp.stages.regrasp import Attempt
@@ -53,6 +54,7 @@ def build_report(
         "surface": _surface_facts(last),
         "grasps": _grasp_facts(last),
         "attempts": [_attempt_facts(attempt) for attempt in attempts],
+        "motion": motion_times(exploration, attempts),
         "lift": lift_facts(last.outcome, mass=scenario.truth.mass),
         **place_facts(last.scenario, last.outcome),
         **world_facts(attempts),

@@ -9,6 +9,7 @@ from typing import Any
 
 from lis_grasp.arms.use import violations
 from lis_grasp.exceptions import counted
+from lis_grasp.results.motion_times import times_line
 from lis_grasp.results.placed import place_lines
 
 # Below this intersection over union the estimate is called poor.
@@ -38,7 +39,7 @@ def exploration_lines(facts: dict[str, Any]) -> tuple[str, ...]:
         parts = [f"{100 * truth:.0f} % of the reachable true surface"]
         if facts["estimate_coverage"] is not None:
             parts.append(f"{100 * facts['estimate_coverage']:.0f} % of the estimate")
-        advice = "" if truth >= _LOW_COVERAGE else "; more touches (`touches`) cover more"
+        advice = "" if truth >= _LOW_COVERAGE else "; more touches cover more"
         lines.append(f"covered   {' and '.join(parts)}, {within}{advice}")
     return tuple(lines)
 
@@ -98,6 +99,7 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
             f"lifted    {lift['mass']:.3g} kg, and held through the shake;"
             f" slip {1e3 * lift['slip']:.1f} mm, turn {degrees(lift['turn']):.1f} deg"
         )
+        lines += _pose_lines(lift)
     else:
         lifted = "lifted, but not held" if lift["lifted"] else "not held"
         no_grasp = lift["reason"] == "no_grasp"
@@ -105,6 +107,8 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
         why = no_grasp_sentence(grasps["rejections"], grasps.get("hit_bodies")) if no_grasp else why
         lines.append(f"{lifted}: {why}")
     lines += place_lines(report) + _world_lines(report)
+    if "motion" in report:  # older reports have none
+        lines.append(times_line(report["motion"]))
     if "arm" in report:
         lines.append(_arm_line(report))
     return tuple(lines)
@@ -123,6 +127,18 @@ def _view_lines(facts: Mapping[str, Any]) -> list[str]:
     return [
         f"seen      by {counted(pixels, 'pixel')}; its place is {certain}, to {before:.1f} before"
     ]
+
+
+def _pose_lines(lift: Mapping[str, Any]) -> list[str]:
+    """Return how well the hand knows by touch where the object is in it, if it does."""
+    facts = lift.get("pose_in_hand")
+    if facts is None:
+        return []
+    known, off = (
+        f"{1e3 * facts[name]['position']:.1f} mm and {degrees(facts[name]['angle']):.1f} deg"
+        for name in ("band", "error")
+    )
+    return [f"in hand   known by touch to {known} (95 %); the error is {off}"]
 
 
 def _world_lines(report: Mapping[str, Any]) -> list[str]:
@@ -148,6 +164,9 @@ def headline(report: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     if report["surface"]["rmsd"] is not None:
         numbers.append((f"{1e3 * report['surface']['rmsd']:.1f} mm", "error of the estimate"))
     numbers.append((f"{report['touches']}", "touches"))
+    times = report.get("motion", {})
+    if times.get("until_lifted") is not None:
+        numbers.append((f"{times['until_lifted']:.0f} s", "of motion until it was lifted"))
     if predicted is not None:
         numbers.append((f"{100 * predicted:.0f} %", "predicted success"))
     return tuple(numbers)

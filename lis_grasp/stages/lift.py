@@ -114,13 +114,16 @@ def _simulated(
     scenario: Scenario, setup: LiftSetup, accept_grasp: AcceptGrasp | None
 ) -> LiftOutcome:
     """Simulate a lift in the simulator of the world."""
-    if scenario.task.world.simulator == "mujoco":
+    simulator = scenario.task.world.simulator
+    if simulator == "mujoco":
         from lis_grasp.simulation.mujoco.lift import simulate_in_mujoco
 
         return simulate_in_mujoco(setup, accept_grasp)
     from lis_grasp.simulation.drake.lift import simulate_lift
 
-    return simulate_lift(setup, accept_grasp)
+    return simulate_lift(
+        setup, accept_grasp, scheme="cenic" if simulator == "cenic" else "discrete"
+    )
 
 
 def lift_each(

@@ -208,11 +208,12 @@ def make_prober(
             prober.place_disturbed(disturbance)
         if recorded and recorded[-1].belief is not None:
             prober.place_frame(recorded[-1].belief.X_WE)
+        prober.resume([observation.outcome for observation in recorded])
         return prober
     from lis_grasp.probing.kinematic_prober import Fingers, KinematicProber
 
     fingers: Fingers = "all" if agent.decide.fingers == "all" else "one"
-    return KinematicProber(
+    by_geometry = KinematicProber(
         agent.hand,
         mesh,
         fingers=fingers,
@@ -220,6 +221,8 @@ def make_prober(
         surroundings=truth.surroundings,
         known=agent.surroundings,
     )
+    by_geometry.resume([observation.outcome for observation in recorded])
+    return by_geometry
 
 
 def true_pose(prober: Prober) -> FloatArray | None:

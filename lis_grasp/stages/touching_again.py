@@ -8,6 +8,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import (
+    HomingProber,
     Landmark,
     PoseTracker,
     RegionPolicy,
@@ -47,6 +48,7 @@ class Lesson:
     probes: int  #: of these touches
     moved: float  #: displacement of the object's frame where it was found [m]
     lost: bool  #: whether it was found somewhere else, earlier contacts unused
+    seconds: float = 0.0  #: of their motion
 
 
 def touch_more(
@@ -103,4 +105,5 @@ def touch_more(
     found = state.touched
     touched = len(found) - (0 if lost else len(contacts))
     distance = float(np.linalg.norm(X_EF[:3, 3]))
-    return scenario, found, Lesson(0, touched, probes, distance, lost)
+    seconds = state.duration + (prober.go_home() if isinstance(prober, HomingProber) else 0.0)
+    return scenario, found, Lesson(0, touched, probes, distance, lost, seconds)

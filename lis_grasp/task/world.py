@@ -18,8 +18,8 @@ FRICTION = within(f"above 0 and at most {MOST_FRICTION:g}", lambda x: 0 < x <= M
 PROBERS = ("dynamic", "kinematic")
 """Probers: Drake's dynamics, or geometry alone."""
 
-SIMULATORS = ("drake", "mujoco")
-"""Simulators of a lift."""
+SIMULATORS = ("drake", "cenic", "mujoco")
+"""Simulators of a lift: Drake in time steps, Drake's error-controlled integrator, and MuJoCo."""
 
 
 @record_of_options
@@ -88,7 +88,8 @@ class World:
     )
     simulator: str = option(
         "drake",
-        "simulator of the lift; mujoco needs the extra mujoco",
+        "simulator of the lift: drake in steps of 5 ms, cenic with Drake's error-controlled ones;"
+        " mujoco needs the extra mujoco",
         GRASPING,
         choices=SIMULATORS,
     )

@@ -1,11 +1,13 @@
-"""Lifts of grasps on unknown objects in both simulators, Drake and MuJoCo.
+"""Lifts of grasps on unknown objects in each simulator: Drake, CENIC and MuJoCo.
 
-A grasp is planned once, and executed in both simulators.
+A grasp is planned once, and executed in each of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from itertools import combinations
 
 import numpy as np
 
@@ -30,8 +32,9 @@ from lis_grasp_studies.study.run import (
 from lis_grasp_studies.study.trial import TRUTH, Trial, columns_of
 
 _OUTCOME = ("held", "lifted", "reason", "slip", "turn")
-_LABELS = {"drake": "Drake", "mujoco": "MuJoCo"}
+_LABELS = {"drake": "Drake", "cenic": "CENIC", "mujoco": "MuJoCo"}
 _KEY = ("object", "hand", "seed", "estimator")
+_PAIR = ("drake", "mujoco")
 
 
 def lift_in_both(trial: Trial, estimator: str) -> list[Row]:
@@ -59,32 +62,38 @@ BOTH = Experiment("simulators", lift_in_both, columns_of, modules=(DRAKE,))
 """All grasps in both simulators."""
 
 
-def agreements(rows: Sequence[Row]) -> tuple[int, int]:
-    """Return how many grasps have the same outcome in both simulators, of how many executed."""
-    lifts = split((row for row in rows if row["reason"] not in (FAILED, NO_GRASP)), *_KEY)
+def agreements(rows: Sequence[Row], pair: Sequence[str] = _PAIR) -> tuple[int, int]:
+    """Return how many grasps have the same outcome in two simulators, of how many executed."""
+    executed = (row for row in rows if row["reason"] not in (FAILED, NO_GRASP))
+    lifts = split((row for row in executed if row["simulator"] in pair), *_KEY)
     return sum(len({row["held"] for row in lift}) == 1 for lift in lifts.values()), len(lifts)
 
 
 def held_table(rows: Sequence[Row]) -> Table:
-    """Return the rates of each estimator in both simulators, in percent, and their agreement.
+    """Return the rates of each estimator in each simulator, in percent, and their agreement.
 
-    Agreement is that of `held`, of grasps that were executed.
+    Agreement is that of `held`, of grasps that were executed, for each two simulators.
     """
 
-    def agreement(rows: Sequence[Row]) -> str:
-        same, lifts = agreements(rows)
+    def agreement(rows: Sequence[Row], pair: Sequence[str]) -> str:
+        same, lifts = agreements(rows, pair)
         return f"{same} of {lifts} ({100.0 * same / max(lifts, 1):.0f} %)"
 
     def rate(rows: Sequence[Row]) -> str:
         return f"{100.0 * np.mean([row['held'] for row in rows]):.0f}"
 
+    names = [name for name in _LABELS if where(rows, simulator=name)]
     columns: list[Column] = [
         ("trials", lambda rows: str(len(split(rows, *_KEY)))),
         *columns_by("simulator", rows, rate, lambda name: f"held in {_LABELS[name]} [%]"),
-        ("agree", agreement),
+        *((_agree(pair), partial(agreement, pair=pair)) for pair in combinations(names, 2)),
     ]
     groups = {estimator_label(name): part for name, part in split(rows, "estimator").items()}
     return grouped_table("simulators", "Held in both simulators", "planned on", groups, columns)
+
+
+def _agree(pair: tuple[str, str]) -> str:
+    return "agree" if pair == _PAIR else " and ".join(_LABELS[name] for name in pair) + " agree"
 
 
 def difference_table(rows: Sequence[Row], estimator: str, reference: str) -> Table:

@@ -15,15 +15,12 @@ from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.probing.approach_planner import (
-    FREE,
-    INSIDE,
-    NEAR,
     OUT_OF_ARM_REACH,
     Approach,
     ApproachPlanner,
-    KeepOut,
 )
 from lis_grasp.probing.guarded_motion import GuardedMotion
+from lis_grasp.probing.keep_out import FREE, INSIDE, NEAR, KeepOut
 from lis_grasp.results.summary import REJECTIONS
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray

@@ -343,6 +343,12 @@ def test_a_mistyped_option_gets_the_nearest_one(capsys: pytest.CaptureFixture[st
         ("--random-seed", "--seed"),
         ("--n_grasps", "--grasps"),
         ("--positon-noise", "--position-noise"),
+        ("--noise", "--position-noise"),
+        ("--gripper", "--hand"),
+        ("--method", "--estimator"),
+        ("--suction", "--hand"),
+        ("--resume", None),
+        ("--format", None),
         ("--headless", None),
         ("--top", None),
         ("--resolution", None),
@@ -352,7 +358,8 @@ def test_only_a_similar_option_or_one_of_its_words_is_suggested(
     value: str, nearest: str | None
 ) -> None:
     options = ["--touches", "--seed", "--hand-eye", "--grasps", "--mass", "--up", "--estimator"]
-    suggestion = nearest_of(value, [*options, "--position-noise"])
+    others = ["--position-noise", "--friction", "--pose", "--hand", "--free", "--normals"]
+    suggestion = nearest_of(value, [*options, *others])
     assert suggestion == (f": did you mean '{nearest}'?" if nearest else "")
 
 

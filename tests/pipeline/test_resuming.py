@@ -114,8 +114,21 @@ def test_a_finished_exploration_of_an_edited_policy_starts_from_the_beginning(
 
 def test_another_value_is_named_with_the_earlier_one(tmp_path: Path) -> None:
     explored(tmp_path)
-    (line,) = explored(tmp_path, touches=4)
-    assert line == "starting from the beginning: touches is 4, and was 3"
+    (line,) = explored(tmp_path, touches=2)
+    assert line == "starting from the beginning: touches is 2, and was 3"
+
+
+@pytest.mark.parametrize("estimator", ["gpis", "blend"])
+def test_more_touches_go_on_as_if_they_had_been_asked_for_at_once(
+    tmp_path: Path, estimator: str
+) -> None:
+    for touches in (3, 6):
+        lines = explored(tmp_path / "later", touches=touches, estimator=estimator)
+    assert len(lines) == 1
+    assert lines[0].startswith("resuming after")
+    explored(tmp_path / "once", touches=6, estimator=estimator)
+    for name in ("touches.jsonl", "contacts.ply"):
+        assert (tmp_path / "later" / name).read_bytes() == (tmp_path / "once" / name).read_bytes()
 
 
 def test_a_fresh_exploration_is_asked_for(tmp_path: Path) -> None:

@@ -186,10 +186,11 @@ def test_an_unknown_obstacle_is_touched_on_the_approach(hand: Hand) -> None:
     outcome = prober.probe(probe, ObstacleModel(space, Contacts.empty(), None))
     assert outcome.status == "touched"
     assert outcome.contacts.points[0, 2] == pytest.approx(0.085, abs=1e-4)
-    # Approach from outside of the ball at 0.25 m/s, and back.
+    # Approach from outside of the ball at 0.1 m/s, since nothing is known, and back at 0.25 m/s.
     length = float(np.sqrt(3.0)) * 0.1 - 0.085
     radius = next(iter(hand.probe_postures.values())).radius
-    assert outcome.duration == pytest.approx(2.0 * (length - radius) / 0.25, abs=0.1)
+    assert outcome.duration == pytest.approx((length - radius) * (10.0 + 4.0), abs=0.1)
+    assert outcome.duration == pytest.approx(sum(outcome.seconds.values()))
 
 
 def test_a_hand_does_not_approach_through_the_known_object(hand: Hand) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from pydrake.geometry import (
@@ -22,13 +22,13 @@ from pydrake.multibody.plant import (
     MultibodyPlantConfig,
 )
 from pydrake.multibody.tree import RigidBody
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.lifting.scene import Touched
-from lis_grasp.simulation.drake.contact_patches import LinkContact, link_contacts
+from lis_grasp.simulation.drake.contact_patches import LinkContact, link_contacts, patch_forces
 from lis_grasp.simulation.drake.hand_plant import HandInPlant
 from lis_grasp.simulation.drake.object_plant import ObjectInPlant, let_rest
 from lis_grasp.simulation.drake.plant_parts import rigid
@@ -41,6 +41,11 @@ from lis_grasp.simulation.drake.touch_sensor import TouchSensor
 from lis_grasp.typing import FloatArray
 from lis_grasp.world import ALONE, Surroundings
 
+Scheme = Literal["discrete", "cenic"]
+"""How Drake advances a scene: in its time steps, or with error-controlled ones within them."""
+
+_ACCURACY = 1e-3  # of CENIC's steps
+
 
 class PlantScene:
     """A plant, its context and its simulator, advanced one time step at a time.
@@ -49,17 +54,28 @@ class PlantScene:
     is hydroelastic, in Drake's discrete solver with the "lagged" approximation. The links of the
     hand do not collide with each other. `surroundings` are the bodies beside the object, in W.
     `settings` are fields of `MultibodyPlantConfig`.
+
+    With the scheme "cenic", the plant is continuous, and Drake's error-controlled convex integrator
+    (Kurtz & Castro 2025) chooses its steps within a time step. It cannot lock joints, so nothing is
+    locked, and Drake's contact results have another friction than its own; see `object_force`.
     """
 
     #: the bodies beside the object; None without any
     surroundings: SurroundingsInPlant | None = None
 
     def __init__(
-        self, time_step: float, *, surroundings: Surroundings = ALONE, **settings: Any
+        self,
+        time_step: float,
+        *,
+        surroundings: Surroundings = ALONE,
+        scheme: Scheme = "discrete",
+        **settings: Any,
     ) -> None:
-        self._builder = DiagramBuilder()
+        self._builder, self.scheme = DiagramBuilder(), scheme
         config = MultibodyPlantConfig(
-            time_step=time_step, discrete_contact_approximation="lagged", **settings
+            time_step=time_step if scheme == "discrete" else 0.0,
+            discrete_contact_approximation="lagged",
+            **settings,
         )
         added: tuple[MultibodyPlant, Any] = AddMultibodyPlant(config, self._builder)
         self.plant, self._scene_graph = added
@@ -117,6 +133,11 @@ class PlantScene:
                 plant.get_contact_results_output_port(), sensor.GetInputPort("contact_results")
             )
         self.simulator = Simulator(self._builder.Build())
+        if self.scheme == "cenic":
+            scheme = SimulatorConfig(
+                integration_scheme="cenic", max_step_size=self.time_step, accuracy=_ACCURACY
+            )
+            ApplySimulatorConfig(scheme, self.simulator)
         self._root = self.simulator.get_mutable_context()
         self.context: Context = plant.GetMyMutableContextFromRoot(self._root)
         if sensor is not None:
@@ -132,12 +153,16 @@ class PlantScene:
 
     def lock_object(self) -> None:
         """Lock the object where it is, until it is unlocked."""
+        if self.scheme == "cenic":
+            return
         self._is_object_locked = True
         self._separate_locked()
         self.object_joint.Lock(self.context)
 
     def unlock_object(self) -> None:
         """Free an object that was locked."""
+        if not self._is_object_locked:
+            return
         self._is_object_locked = False
         self._separate_locked()
         self.object_joint.Unlock(self.context)
@@ -171,6 +196,8 @@ class PlantScene:
             query = self.plant.get_geometry_query_input_port().Eval(self.context)
             beside.separate(self.filters, query, self.object.geometry)
             self._separated = True
+        if self.scheme == "cenic":
+            return
         self.resting = set(beside.grounds)
         self._separate_locked()
         for name in beside.grounds:
@@ -219,7 +246,7 @@ class PlantScene:
         Raises `SimulationError` if Drake fails; its message names what the simulation is `of`.
         """
         self.steps += 1
-        time = self.steps * self.time_step
+        time, self._velocity = self.steps * self.time_step, self._object_velocity()
         try:
             # Ports that are not sampled have the forces of the next step, whose solution it uses.
             if not self._is_sampled:
@@ -231,6 +258,27 @@ class PlantScene:
             reason = str(error).splitlines()[0]
             message = f"the simulation of {of} failed at {time:.3f} s: {reason}"
             raise SimulationError(message) from None
+
+    def object_force(self) -> FloatArray:
+        """Return the mean force (3,) [N] of all contacts on the object in the last step, in W.
+
+        It is the change of the object's momentum without its weight.
+        """
+        gained = (self._object_velocity() - self._velocity) / self.time_step
+        gravity: FloatArray = self.plant.gravity_field().gravity_vector()
+        mass: float = self.object.body.get_mass(self.context)
+        return mass * (gained - gravity)
+
+    def support_force(self) -> FloatArray:
+        """Return the force (3,) [N] of the support on the object now, without friction, in W."""
+        forces = patch_forces(self._results(), {self.support})
+        return np.array([0.0, 0.0, sum(force for _, _, force in forces)])
+
+    def _object_velocity(self) -> FloatArray:
+        velocity: FloatArray = self.object.body.CalcCenterOfMassTranslationalVelocityInWorld(
+            self.context
+        )
+        return velocity
 
     def _note_contacts(self) -> None:
         """Free locked bodies that are touched, and note the forces on bodies beside the object."""

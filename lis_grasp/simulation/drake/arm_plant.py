@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -189,8 +189,8 @@ def _add_arm_links(plant: MultibodyPlant, arm: Arm, X_WA: FloatArray) -> LinksIn
 class ArmWatch:
     """Records how an arm's limits are used, and every unwanted contact, at each time step.
 
-    Wanted are contacts of the object with links of the hand that `may_touch` it; None for
-    fingertips and pads: links that carry a pad or lead in a probe posture, and those fixed to them.
+    Wanted are contacts of the object with fingertips and pads: links that carry a pad or lead in a
+    probe posture, and those fixed to them.
     No other link of the hand should touch the object, none the table or a body beside the object,
     and a link of the arm nothing at all. While the hand is to be `free` of the object, even pads
     should not touch it. With `slides`, fingertips may touch the table. A contact of the arm ends
@@ -202,15 +202,15 @@ class ArmWatch:
         scene: PlantScene,
         arm: ArmInPlant,
         *,
+        stage: str,
         use: ArmUse | None = None,
-        may_touch: Collection[str] | None = None,
         object_ends: bool = False,
         slides: bool = False,
     ) -> None:
         plant = scene.plant
         self.use = ArmUse() if use is None else use
-        self.free, self._slides = object_ends, slides
-        self._wanted = arm.hand.hand.fingertip_links if may_touch is None else may_touch
+        self.free, self._slides, self._stage = object_ends, slides, stage
+        self._wanted = arm.hand.hand.fingertip_links
         self._plant, self._context, self._arm = plant, scene.context, arm
         self._table, self._object_ends = scene.table, object_ends
         beside = scene.surroundings
@@ -269,6 +269,7 @@ class ArmWatch:
             return False
         together = " with ".join(names)
         self.use.contacts[together] = self.use.contacts.get(together, 0) + 1
+        self.use.stages.setdefault(together, self._stage)
         self.use.forces[together] = max(force, self.use.forces.get(together, 0.0))
         return of_arm or (self._object_ends and (OBJECT in names or pair[1] in self._beside))
 

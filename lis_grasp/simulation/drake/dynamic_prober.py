@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -201,11 +201,31 @@ class DynamicProber:
         try:
             self._go(course, path_out)
         except ArmStoppedError as stopped:
-            return replace(missed, status="blocked", reason=f"{ARM_STOPPED}: {stopped.reason}")
+            return self._stopped(missed, stopped)
         outcome = missed if course.touched is None else self._end_of(course, missed)
-        with suppress(ArmStoppedError):  # recorded; what was touched is known
+        try:
             self._go(course, path_back)
+        except ArmStoppedError:  # recorded; what was touched is known
+            self._motion.arm_at, outcome = None, replace(outcome, left_at=np.empty(0))
         return outcome
+
+    def resume(self, recorded: Sequence[ProbeOutcome]) -> None:
+        """Begin where the last of the recorded probes left the arm."""
+        self._motion.resume(recorded)
+
+    def go_home(self) -> float:
+        """Move the arm home; see `HomingProber`."""
+        way, place = self._motion.way_home(), self._motion.arm_at
+        if way is not None and place is not None and self._ways is not None:
+            with suppress(ArmStoppedError):  # recorded
+                X_WO = self._X_WE @ self._X_EO
+                self._ways.run(way, place.q_hand, X_WO, beside=self._free_poses)
+        return self._motion.go_home()
+
+    def _stopped(self, missed: ProbeOutcome, stopped: ArmStoppedError) -> ProbeOutcome:
+        """Return the outcome of a probe whose arm stopped: it is taken home."""
+        self._motion.arm_at, reason = None, f"{ARM_STOPPED}: {stopped.reason}"
+        return replace(missed, status="blocked", reason=reason, left_at=np.empty(0))
 
     def _go(self, course: Course, path: PathOf) -> None:
         """Simulate the arm's way of a course in free space; without an arm, there is none."""
@@ -269,7 +289,7 @@ class DynamicProber:
         q_arm = None if leg.q_arm is None else leg.q_arm[0]
         beside = self._free_poses
         scene.place(q, X_WB, rotate(self._X_WE, leg.direction), X_WO, q_arm, beside)
-        speed = self._speed if self._station is None else leg.speed
+        speed = leg.speed_at_end
         before = _BEFORE if self._station is None else _BEFORE_WITH_ARM
         start = max(leg.length - before, 0.0)
         scene.start_motion(start, speed)

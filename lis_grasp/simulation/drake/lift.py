@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
@@ -33,7 +35,7 @@ from lis_grasp.lifting.trial import LiftTrial
 from lis_grasp.motion import OBJECT
 from lis_grasp.shapes.solids import merge_flat_faces, split_large_faces
 from lis_grasp.simulation.drake._arm_carrier import ArmCarrier
-from lis_grasp.simulation.drake._plant_scene import PlantScene
+from lis_grasp.simulation.drake._plant_scene import PlantScene, Scheme
 from lis_grasp.simulation.drake.hand_plant import LIFTING_SKIN, HandInPlant, add_hand_model
 from lis_grasp.simulation.drake.object_plant import add_object_body, add_support, add_table
 from lis_grasp.typing import FloatArray
@@ -51,7 +53,9 @@ _STICTION_TOLERANCE = 1e-5
 _AXIS_NAMES = ("x", "y", "z")
 
 
-def simulate_lift(setup: LiftSetup, accept_grasp: AcceptGrasp | None = None) -> LiftOutcome:
+def simulate_lift(
+    setup: LiftSetup, accept_grasp: AcceptGrasp | None = None, *, scheme: Scheme = "discrete"
+) -> LiftOutcome:
     """Execute one grasp on the true, free object, and return whether it holds.
 
     The object rests on a table. The hand approaches along a straight line in the pregrasp posture.
@@ -71,19 +75,22 @@ def simulate_lift(setup: LiftSetup, accept_grasp: AcceptGrasp | None = None) -> 
         Tactile check: called with the contacts of the closed fingers, if any, before they squeeze;
         if it returns False, the hand opens and retreats. A hand with a tactile check also stops and
         retreats if it touches the object on its approach.
+    scheme
+        "discrete", or "cenic" for Drake's error-controlled convex integrator; see `PlantScene`.
     """
-    return LiftTrial(LiftScene(setup), setup, accept_grasp).run()
+    return LiftTrial(LiftScene(setup, scheme), setup, accept_grasp).run()
 
 
 class LiftScene:
     """A Drake simulation of hand, object and table; see `LiftingScene` and `simulate_lift`."""
 
-    def __init__(self, setup: LiftSetup) -> None:
+    def __init__(self, setup: LiftSetup, scheme: Scheme = "discrete") -> None:
         hand, mesh, friction = setup.hand, setup.mesh, setup.friction
         self._scene = scene = PlantScene(
             setup.options.time_step,
             contact_model="hydroelastic_with_fallback",
             surroundings=setup.surroundings,
+            scheme=scheme,
             stiction_tolerance=_STICTION_TOLERANCE,
         )
         plant = scene.plant
@@ -94,6 +101,14 @@ class LiftScene:
         for joint, inertia in zip(self._hand.joints, motor_inertias(hand), strict=True):
             motor = plant.GetJointActuatorByName(joint.name(), self._hand.instance)
             motor.set_default_rotor_inertia(inertia)
+        if scheme == "cenic":
+            # At a joint's limit, CENIC of Drake 1.51 gives velocities of 1e7 rad/s. Commands are
+            # within the limits.
+            for joint in (
+                *self._hand.joints,
+                *(follower for follower, _ in self._hand.links.followers),
+            ):
+                joint.set_position_limits([-np.inf], [np.inf])
         self.carrier: WristInPlant | ArmCarrier = (
             WristInPlant(plant, self._hand, setup.X_WB)
             if setup.arm is None
@@ -196,7 +211,10 @@ class LiftScene:
     def contacts(self, on: Touched = "object") -> list[HandContact]:
         """Return the contacts of the hand with the object or the table, in a fixed order."""
         pulls = [self._pull] if self._pull is not None and on == "object" else []
-        return [*self._scene.contacts(on), *pulls]
+        contacts: list[HandContact] = [*self._scene.contacts(on), *pulls]
+        if self._scene.scheme == "cenic" and on == "object":
+            return _with_sum(contacts, self._scene.object_force() - self._scene.support_force())
+        return contacts
 
     def _is_touched(self) -> bool:
         """Return whether the hand, or a body beside the object, touches it."""
@@ -294,3 +312,16 @@ class WristInPlant(FreeWrist):
 
     def _command_state(self, displacement: FloatArray, velocity: FloatArray) -> None:
         self._port.FixValue(self._context, np.concatenate([displacement, velocity]))
+
+
+def _with_sum(contacts: list[HandContact], total: FloatArray) -> list[HandContact]:
+    """Return contacts with the same normal forces, and friction such that the forces' sum is total.
+
+    Each has a part of the friction by its normal force.
+    """
+    pushes = np.array([contact.force @ contact.normal for contact in contacts])
+    if not pushes.any():
+        return contacts
+    along = pushes[:, None] * np.array([contact.normal for contact in contacts])
+    forces = along + (pushes / pushes.sum())[:, None] * (total - along.sum(axis=0))
+    return [replace(c, force=force) for c, force in zip(contacts, forces, strict=True)]

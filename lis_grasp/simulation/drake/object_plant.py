@@ -208,7 +208,7 @@ def _area(points: FloatArray) -> float:
 
 def _stable_modulus(area: float, mass: float, time_step: float, *, limit: float) -> float:
     """Return the largest modulus [Pa] of a table on which an object rests stably on an area."""
-    if area == 0.0:
+    if area == 0.0 or time_step == 0.0:  # continuous plants are stable on any
         return _TABLE_MODULUS
     gradient = limit * mass / (area * time_step**2)  # of the pressure [Pa/m]
     return min(0.5 * _TABLE_THICKNESS * gradient, _TABLE_MODULUS)
