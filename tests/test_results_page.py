@@ -55,7 +55,7 @@ def _words(text: str) -> str:
     return " ".join(text.replace("**", "").split())
 
 
-def test_rows_are_of_one_commit_and_parts_of_later_ones_say_theirs() -> None:
+def test_rows_are_of_one_commit_but_for_parts_that_later_ones_made() -> None:
     later = {"tasks": "tasks", "suction": "cups", "outlines": "cups", "heavy": "tested"}
     later |= {"worlds": "worlds"}
     commits: dict[str, set[tuple[str, str]]] = {

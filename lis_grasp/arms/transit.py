@@ -33,6 +33,8 @@ NO_PATH = "no_collision_free_arm_path"
 MARGIN = 0.01
 """Distance of a path from the object and the table [m], where its ends permit it."""
 
+# The same of a path that begins or ends nearer [m].
+_NARROW = 0.002
 _COARSE = 0.15  # steps of a joint in which that motion is measured [rad or m]
 _ITERATIONS = 1500  # postures that are tried, before planning is given up
 _SHORTCUTS = 40  # that are tried
@@ -65,11 +67,15 @@ class TransitPlanner:
             checker = self._close
             if not checker.free(ends, q_hand).all():
                 return None
-        edges = _Edges(checker, q_hand)
+        edges = _Edges(checker, q_hand, MARGIN if checker is self._wide else _NARROW)
         if edges.free(start, goal):
             return ends
         path = _connect(edges, start, goal, self._station, rng)
         return None if path is None else _shortened(edges, path, rng)
+
+    def keeps_off(self, ends: FloatArray, q_hand: FloatArray) -> bool:
+        """Return whether postures (N, J) are free with the margin, so that paths have it, too."""
+        return bool(self._wide.free(ends, q_hand).all())
 
     def is_free(self, path: FloatArray, q_hand: FloatArray) -> bool:
         """Return whether a densely sampled path (N, J) is free, without the margin."""
@@ -83,8 +89,8 @@ class TransitPlanner:
 class _Edges:
     """Checks straight lines in joint space."""
 
-    def __init__(self, checker: StationChecker, q_hand: FloatArray) -> None:
-        self._checker, self._q_hand = checker, q_hand
+    def __init__(self, checker: StationChecker, q_hand: FloatArray, margin: float) -> None:
+        self._checker, self._q_hand, self._margin = checker, q_hand, margin
 
     def free(self, start: FloatArray, end: FloatArray) -> bool:
         """Return whether the line between two postures is free; `start` is known to be."""
@@ -93,7 +99,7 @@ class _Edges:
         ]
         travel = self._checker.travel(start + coarse * (end - start), self._q_hand)
         # No point moves farther between two checked postures than twice the margin.
-        count = max(int(np.ceil(travel / (2.0 * MARGIN))), 1)
+        count = max(int(np.ceil(travel / (2.0 * self._margin))), 1)
         parts = np.arange(1, count + 1)[:, None] / count
         return bool(self._checker.free(start + parts * (end - start), self._q_hand).all())
 

@@ -48,6 +48,8 @@ class ArmUse:
     contacts: dict[str, int] = field(default_factory=dict)
     #: largest force of each of them [N]
     forces: dict[str, float] = field(default_factory=dict)
+    #: where each was met first: on a transit, in a touch, or in a lift
+    stages: dict[str, str] = field(default_factory=dict)
     shakes: list[ArmShake] = field(default_factory=list)
 
 
@@ -55,8 +57,11 @@ def violations(uses: Iterable[Mapping[str, Any]]) -> list[str]:
     """Return what the plain values of `ArmUse` violate, in words: contacts, efforts and speeds."""
     touched: dict[str, int] = {}
     forces: dict[str, float] = {}
+    on: dict[str, str] = {}
     limits = []
     for use in uses:
+        for pair, stage in use.get("stages", {}).items():
+            on.setdefault(pair, f" of a {stage}")
         for pair, force in use.get("forces", {}).items():  # older reports have none
             forces[pair] = max(force, forces.get(pair, 0.0))
         for pair, steps in use["contacts"].items():
@@ -66,7 +71,7 @@ def violations(uses: Iterable[Mapping[str, Any]]) -> list[str]:
         if use["speed"] > 1.0:
             limits.append(f"{use['speed_joint']} at {100 * use['speed']:.0f} % of its speed")
     contacts = [
-        f"{pair} in {counted(steps, 'step')}"
+        f"{pair} in {counted(steps, 'step')}{on.get(pair, '')}"
         + (f" with up to {forces[pair]:.2g} N" if pair in forces else "")
         for pair, steps in sorted(touched.items())
     ]

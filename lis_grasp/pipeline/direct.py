@@ -200,7 +200,7 @@ def next_touch(
     require_options(options, (*_OF_PLACE, *_OF_TOUCH, "seed"))
     place = {name: options.pop(name) for name in _OF_PLACE if name in options}
     options["seed"] = seed_of(rng, options)
-    task = Task.of(hand=hand_name(hand), **options)
+    task = Task.of(known=True, hand=hand_name(hand), **options)
     known = ObjectPlace(support=support_height, **place)
     agent = Agent.of(task, 0.0, hand=loaded_hand(hand))
     if len(contacts) and not task.decide.keep_all:

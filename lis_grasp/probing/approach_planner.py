@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,7 +17,7 @@ from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, make_pose, tangent_frame
 from lis_grasp.probing.bodies_beside import POSE_SPACING, BodiesBeside
-from lis_grasp.probing.exposure import exposed_width
+from lis_grasp.probing.exposure import SPACING, exposed_width
 from lis_grasp.probing.keep_out import FREE, INSIDE, KeepOut, keep_out_of
 from lis_grasp.records import Record
 from lis_grasp.robots.hand import Hand
@@ -46,8 +48,6 @@ _DOWN = np.deg2rad([45.0, 60.0, 75.0])
 
 # Inner links keep this far off the estimate on a motion beyond its target [m].
 _FARTHER = 0.005
-# Approaches to a search of which the nearest is taken, the least exposed ones first.
-_TOGETHER = 8
 # Number of axes that are tried before the oblique ones.
 _FIRST = 1 + len(_TILTED)
 
@@ -198,18 +198,22 @@ class ApproachPlanner:
     def _least_exposed(
         self, approaches: list[Approach], probe: Probe, height: float
     ) -> Iterator[list[Approach]]:
-        """Yield the approaches to a search above a table, some at once, the least exposed first."""
+        """Yield the approaches to a level motion above a table, equally exposed ones at once.
+
+        The least exposed are first.
+        """
 
         def exposed(approach: Approach) -> float:
             inner, tips = (
                 apply_pose(approach.X_OH, points[approach.posture.finger])
                 for points in (self._inner, self._tips)
             )
-            return exposed_width(inner, tips, probe.direction, height)
+            width = exposed_width(inner, tips, probe.direction, height)
+            return float(np.round(width / SPACING))
 
-        best = sorted(approaches, key=exposed)
-        for k in range(0, len(best), _TOGETHER):
-            yield best[k : k + _TOGETHER]
+        widths = [(exposed(approach), approach) for approach in approaches]
+        for _, equal in groupby(sorted(widths, key=itemgetter(0)), itemgetter(0)):
+            yield [approach for _, approach in equal]
 
     def _between(
         self, approach: Approach, probe: Probe, obstacles: ObstacleModel, beside: BodiesBeside

@@ -100,7 +100,7 @@ class Course:
     legs: tuple[Leg, ...]  # the approach, and the probe's motion if the hand arrived at its start
     touched: NearestLink | None  # the touching link and its contact
     at_table: bool = False  # whether the table ended the motion before the probe's target
-    way: JointTrajectory | None = None  # path of an arm from its home to the approach
+    way: JointTrajectory | None = None  # path of an arm to the approach
     slide: Slide | None = None  # after the first contact
 
     @property

@@ -8,8 +8,8 @@ from lis_grasp.typing import FloatArray
 
 # Radius and height of upright cylinders that stand for the unknown object [m].
 _OBJECTS = np.array([[0.03, 0.06], [0.05, 0.1], [0.05, 0.2]])
-# Spacing of their places across the motion [m].
-_SPACING = 0.01
+SPACING = 0.01
+"""Spacing of their places across the motion [m]."""
 
 
 def exposed_width(
@@ -23,14 +23,14 @@ def exposed_width(
     """
     across = np.array([-direction[1], direction[0]])
     places = inner[:, :2] @ across
-    centers = np.arange(places.min() - 0.05, places.max() + 0.05, _SPACING)  # (C,)
+    centers = np.arange(places.min() - 0.05, places.max() + 0.05, SPACING)  # (C,)
     widths = []
     for radius, top in _OBJECTS:
         first, of_tips = (
             _reached(points[points[:, 2] < height + top], direction, across, centers, radius)
             for points in (inner, tips)
         )
-        widths.append(_SPACING * np.count_nonzero(first > of_tips))
+        widths.append(SPACING * np.count_nonzero(first > of_tips))
     return float(np.mean(widths))
 
 

@@ -101,6 +101,7 @@ class KinematicProber:
             status="touched",
             contacts=contacts,
             duration=course.duration + longest,
+            seconds={**course.seconds, **({"extend": longest} if longest else {})},
             hand_pose=HandPose(course.X_OH_end, q),
             slid=len(touches) - made,
         )

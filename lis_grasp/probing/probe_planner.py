@@ -169,12 +169,11 @@ class ProbePlanner:
         if obstacles is None:
             return way_in, ahead
         keep_out = keep_out_of(obstacles)
-        if not keep_out.is_known:
-            speed = max(speed, searching)
         points = self._points[approach.posture.finger]
+        if not keep_out.is_known:
+            way_in, ahead = (_searching(leg, searching) for leg in (way_in, ahead))
         way_in, ahead = (
-            replace(leg, speed=speed, free=_free_length(leg, points, keep_out))
-            for leg in (way_in, ahead)
+            replace(leg, free=_free_length(leg, points, keep_out)) for leg in (way_in, ahead)
         )
         return way_in, ahead
 
@@ -191,6 +190,12 @@ class ProbePlanner:
             return np.inf
         lowest = float(self._checker.lowest(approach.X_OH @ self._poses[approach.posture.finger]))
         return max(lowest - height, 0.0) / -float(probe.direction[2])
+
+
+def _searching(leg: Leg, speed: float) -> Leg:
+    """Return a leg at the speed of a search [m/s]: the table yields to no push, so down is slow."""
+    steep = max(abs(float(leg.direction[2])), leg.speed / speed)
+    return replace(leg, speed=max(leg.speed, min(speed, leg.speed / steep)))
 
 
 def _free_length(leg: Leg, points: FloatArray, keep_out: KeepOut) -> float:
@@ -258,7 +263,12 @@ class ArmTransits:
             if corners is not None:
                 is_free = partial(planner.is_free, q_hand=q_hand)
                 motion = time_path(self._station.arm, corners, is_free=is_free)
-                if q_before is None or np.array_equal(q_before, q_hand):
+                if q_before is None:
+                    return motion
+                # A way between two places low above the table would stay low: it goes home first.
+                if not planner.keeps_off(corners[[0, -1]], q_hand):
+                    return None
+                if np.array_equal(q_before, q_hand):
                     return motion
                 parts = np.linspace(0.0, 1.0, _BETWEEN, endpoint=False)[:, None]
                 between = q_before + parts * (q_hand - q_before)

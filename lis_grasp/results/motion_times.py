@@ -19,7 +19,8 @@ def motion_times(exploration: Exploration, attempts: Sequence[Attempt]) -> dict[
     """
     touching: dict[str, float] = {}
     for outcome in exploration.outcomes:
-        _add(touching, outcome.seconds or {"other": outcome.duration})
+        untold = {"other": outcome.duration} if outcome.duration else {}
+        _add(touching, outcome.seconds or untold)
     _add(touching, {"home": exploration.homeward})
     lifting: dict[str, float] = {}
     for attempt in attempts:
@@ -29,7 +30,7 @@ def motion_times(exploration: Exploration, attempts: Sequence[Attempt]) -> dict[
     total = sum(touching.values()) + sum(lifting.values()) + again
     last = attempts[-1].outcome
     until = None
-    if last is not None and last.lifted:
+    if last is not None and last.lifted and "lift" in last.seconds:
         rise = list(last.seconds).index("lift")
         until = total - sum(list(last.seconds.values())[rise + 1 :])
     return {

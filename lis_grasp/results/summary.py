@@ -39,7 +39,7 @@ def exploration_lines(facts: dict[str, Any]) -> tuple[str, ...]:
         parts = [f"{100 * truth:.0f} % of the reachable true surface"]
         if facts["estimate_coverage"] is not None:
             parts.append(f"{100 * facts['estimate_coverage']:.0f} % of the estimate")
-        advice = "" if truth >= _LOW_COVERAGE else "; more touches (`touches`) cover more"
+        advice = "" if truth >= _LOW_COVERAGE else "; more touches cover more"
         lines.append(f"covered   {' and '.join(parts)}, {within}{advice}")
     return tuple(lines)
 

@@ -181,7 +181,8 @@ def _facing_gaps(hand: Hand, q: FloatArray) -> FloatArray:
 def _probe_postures(hand: Hand) -> Iterator[Finding]:
     for finger, posture in hand.probe_postures.items():
         lead, rival = _lead(hand, posture)
-        own = hand.link_fingers.get(rival) == finger
+        # Another fingertip beside it may touch first.
+        own = hand.link_fingers.get(rival) == finger or rival in hand.fingertip_links
         if lead < -FEW_DIGITS:
             text = (
                 f"{rival} is {-1e3 * lead:.0f} mm ahead of the tip's sphere: change direction,"

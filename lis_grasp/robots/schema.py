@@ -211,5 +211,5 @@ class ArmEntry(_RobotEntry):
         default=None, description="Of the joint control [N m/rad or N/m], one number a joint."
     )
     speed_fraction: float = Field(
-        default=0.8, gt=0.0, le=1.0, description="Of the velocity and acceleration limits, used."
+        default=0.5, gt=0.0, le=1.0, description="Of the velocity and acceleration limits, used."
     )

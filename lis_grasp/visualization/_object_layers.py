@@ -135,7 +135,7 @@ def draw_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
         colour = drawing.material(FREE_COLOUR, opacity=0.7)
         canvas.commands.append(drawing.draw_copies(f"{OBJECT_NODE}/free", speck, colour, at))
         canvas.layers.append(
-            Layer("free", "Free space", False, FREE_COLOUR, "of the hand, after the touches")
+            Layer("free", "Free space", False, FREE_COLOUR, "the hand passed there")
         )
 
 

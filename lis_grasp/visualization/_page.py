@@ -187,9 +187,16 @@ def build_overlay(
     return "\n".join(part for part in parts if part)
 
 
+_MARKS = (
+    "Orange: pads, with their axes. Purple: tips of the probe postures. Red, green and blue: x, y"
+    " and z of the palm frame H."
+)
+
+
 def _results(headline: Sequence[tuple[str, str]], summary: Sequence[str]) -> str:
     """Return the most important numbers, with the lines of the summary folded below them."""
-    lines = "".join(f"<p>{escape(line)}</p>" for line in summary)
+    # A page is of Python and of the command, which spell options differently.
+    lines = "".join(f"<p>{escape(line.replace('`', ''))}</p>" for line in summary)
     lines = f'<div class="lines">{lines}</div>' if lines else ""
     if not headline:
         return lines
@@ -203,7 +210,7 @@ def _listed_grasps(grasps: Sequence[Layer], *, planned: int, postures: bool) -> 
         return ""
     rows = f'<ul class="layers">{"".join(map(_row, grasps))}</ul>'
     if postures:
-        return f"<h2>Postures</h2>{rows}"
+        return f'<h2>Postures</h2>{rows}<p class="fine">{_MARKS}</p>'
     shown = sum(layer.identity != "together" for layer in grasps)
     which = "Ranked" if shown == planned else f"The best {shown} of {planned}, ranked"
     fine = f'<p class="fine">{which} by predicted success on the uncertain estimate.</p>'
@@ -225,7 +232,7 @@ def _is_grasp(layer: Layer) -> bool:
 def _row(layer: Layer, scale: ColourScale | None = None) -> str:
     checked = " checked" if layer.on else ""
     note = f"<small>{escape(layer.note)}</small>" if layer.note else ""
-    hint = layer.detail or layer.note
+    hint = "; ".join(dict.fromkeys(filter(None, (layer.note, layer.detail))))
     hint = f' title="{escape(hint)}"' if hint else ""
     return (
         f'<li{hint}><label><input type="checkbox" data-layer="{escape(layer.identity)}"{checked}>'

@@ -204,7 +204,7 @@ def _since_the_start(motion: Motion, body: str = OBJECT) -> FloatArray:
 def _note(grasp: Grasp) -> str:
     likely = grasp.quality.get("success_probability")
     epsilon = grasp.quality["epsilon"]
-    return f"epsilon {epsilon:.3g}" if likely is None else f"predicted success {likely:.0%}"
+    return f"epsilon {epsilon:.3g}" if likely is None else f"predicted {likely:.0%}"
 
 
 def hand_page(

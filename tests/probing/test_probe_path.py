@@ -9,7 +9,7 @@ from stations import station_with
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import Probe
-from lis_grasp.exploration.probe_motions import ARM_SEARCH_SPEED, TRANSIT_SPEED
+from lis_grasp.exploration.probe_motions import ARM_PROBE_SPEED, ARM_SEARCH_SPEED, TRANSIT_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.probing.course import Course, path_back, path_out
 from lis_grasp.probing.guarded_motion import GuardedMotion
@@ -51,7 +51,7 @@ def test_the_palm_comes_to_a_contact_at_the_probes_speed(course: Course) -> None
     path = path_out(STATION.arm, course, BEFORE, STEP)
     _, J = STATION.jacobians(path.positions)
     speeds = np.linalg.norm((J[:, :3] @ path.velocities[..., None])[..., 0], axis=1)
-    expected = 0.0 if course.touched is None else ARM_SEARCH_SPEED  # nothing is known
+    expected = 0.0 if course.touched is None else ARM_PROBE_SPEED  # down, to a table
     assert speeds[-1] == pytest.approx(expected, rel=0.03, abs=1e-9)
 
 
@@ -75,6 +75,15 @@ def test_the_palm_is_fast_where_it_is_free_and_slows_down_before_the_rest(
     assert legs == pytest.approx(seconds["free"] + seconds["guarded"], rel=0.02)
     back = path_back(STATION.arm, course, 0.0, 0.001)
     assert back.duration == pytest.approx(seconds["retreat"], rel=0.02)
+
+
+def test_a_search_is_faster_than_a_probe_only_where_the_object_can_yield() -> None:
+    motion = GuardedMotion(STATION.hand, BOX, STATION)
+    level = motion.run(Probe([-0.03, 0.0, 0.02], [1.0, 0.0, 0.0], 0.05, 0.02), SPACE)
+    assert isinstance(level, Course)
+    assert level.last.speed == ARM_SEARCH_SPEED
+    for leg in level.legs:
+        assert leg.speed * abs(leg.direction[2]) <= ARM_PROBE_SPEED + 1e-12
 
 
 def test_a_stretched_arm_is_slower(course: Course) -> None:

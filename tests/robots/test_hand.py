@@ -187,7 +187,10 @@ def test_the_leading_tip_is_ahead_of_everything_but_its_own_finger(name: str, le
             vertices = trimesh.transform_points(body.mesh.vertices, poses[body.link] @ body.X_LG)
             own = hand.link_fingers.get(body.link) == finger
             ahead = float((vertices @ posture.direction_H).max())
-            assert ahead <= front + 1e-9 if own else ahead <= front - lead, (finger, body.link)
+            # Allegro's middle finger leads a rake: its neighbours are extended beside it.
+            beside = own or (name == "allegro" and finger == "middle")
+            behind = ahead <= front + 1e-9 if beside else ahead <= front - lead
+            assert behind, (finger, body.link)
 
 
 def test_collision_bodies_are_closed_and_as_large_as_their_dimensions(hand: Hand) -> None:

@@ -48,7 +48,7 @@ class ArmCarrier(Carrier):
         self._forces = self._plant.get_applied_spatial_force_input_port()
         self._forces.FixValue(self._context, [])
         self._pushing = False
-        self._watch = ArmWatch(scene, self._arm, slides=self._slides)
+        self._watch = ArmWatch(scene, self._arm, stage="lift", slides=self._slides)
 
     @property
     def use(self) -> ArmUse:

@@ -125,7 +125,7 @@ class ProbeArm:
         """Take the scene of the finalized plant."""
         self._context = scene.context
         self._fingers = self._plant.get_actuation_input_port(self._arm.hand.instance)
-        self._watch = ArmWatch(scene, self._arm, use=self._use)
+        self._watch = ArmWatch(scene, self._arm, stage="touch", use=self._use)
 
     def place(self, X_WB: FloatArray, direction: FloatArray, q: FloatArray | None) -> None:
         """Begin at a pose X_WB (4, 4) of the base link, with the joints near q (J,)."""

@@ -202,13 +202,14 @@ class ArmWatch:
         scene: PlantScene,
         arm: ArmInPlant,
         *,
+        stage: str,
         use: ArmUse | None = None,
         object_ends: bool = False,
         slides: bool = False,
     ) -> None:
         plant = scene.plant
         self.use = ArmUse() if use is None else use
-        self.free, self._slides = object_ends, slides
+        self.free, self._slides, self._stage = object_ends, slides, stage
         self._wanted = arm.hand.hand.fingertip_links
         self._plant, self._context, self._arm = plant, scene.context, arm
         self._table, self._object_ends = scene.table, object_ends
@@ -268,6 +269,7 @@ class ArmWatch:
             return False
         together = " with ".join(names)
         self.use.contacts[together] = self.use.contacts.get(together, 0) + 1
+        self.use.stages.setdefault(together, self._stage)
         self.use.forces[together] = max(force, self.use.forces.get(together, 0.0))
         return of_arm or (self._object_ends and (OBJECT in names or pair[1] in self._beside))
 

@@ -63,7 +63,7 @@ class TransitScene:
             plant.SetConstraintActiveStatus(scene.context, coupling, False)
         self._fingers = plant.get_desired_state_input_port(self._hand.instance)
         self._finger_efforts = plant.get_actuation_input_port(self._hand.instance)
-        self._watch = ArmWatch(scene, self._arm, use=use, object_ends=True)
+        self._watch = ArmWatch(scene, self._arm, stage="transit", use=use, object_ends=True)
 
     def run(
         self,

@@ -1,0 +1,7 @@
+"""`python -m lis_grasp` is the command `lis-grasp`."""
+
+import sys
+
+from lis_grasp.cli.main import main
+
+sys.exit(main())
