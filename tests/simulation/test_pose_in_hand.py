@@ -15,6 +15,7 @@ from lis_grasp.geometry import apply_pose, inverse_pose, make_pose
 from lis_grasp.lifting.contact_odometry import ContactOdometry
 from lis_grasp.lifting.outcome import LiftOptions
 from lis_grasp.lifting.scene import HandContact
+from lis_grasp.motion import OBJECT
 from lis_grasp.stages.lift import lift_object
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.task import Task
@@ -194,10 +195,14 @@ def test_the_felt_pose_is_within_its_bands_of_the_true_one(hand: str, simulator:
     aside = make_pose(Rotation.from_euler("z", 2.0 * DEGREE).as_matrix(), (0.003, -0.002, 0.0))
     options = LiftOptions(place_deviations=(0.003, 2.0 * DEGREE))
     outcome = lift_object(scenario.moved(aside), grasp, estimate=mesh, options=options)
-    pose, error = outcome.pose_in_hand, outcome.pose_error
+    pose, poses = outcome.pose_in_hand, outcome.motion.poses
     assert outcome.held
     assert pose is not None
-    assert error is not None
-    # From the place as known, the object is aside by what it was moved.
-    assert error[0] < pose.position_band
-    assert error[1] < pose.angle_band
+    # The estimate is the true mesh in O, which stood aside: its true pose in the palm at the end.
+    X_WH = poses[scenario.agent.hand.base_link][-1] @ scenario.agent.hand.X_LH
+    moved, turned = pose.errors(inverse_pose(X_WH) @ poses[OBJECT][-1])
+    assert moved < pose.position_band
+    assert turned < pose.angle_band
+    # As planned, it would be off by the motion, 3.6 mm.
+    planned = PoseInHand(inverse_pose(grasp.X_OH), pose.center, pose.draws)
+    assert moved < planned.errors(inverse_pose(X_WH) @ poses[OBJECT][-1])[0] + 0.001
