@@ -75,7 +75,9 @@ def folder(tmp_path: Path) -> Path:
         ),
         (
             change_yaml(
-                lambda d: d["probe_postures"]["index"].update(positions=[0] * 12 + [0.3] * 4)
+                lambda d: d["probe_postures"]["index"].update(
+                    positions=[0, 0.5, 0.3, 0, *[0, 0, 0.6, 1.6] * 2, 0.3, 0.3, 0.3, 0.3]
+                )
             ),
             "will touch flat objects first",
         ),
