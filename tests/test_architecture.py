@@ -55,13 +55,13 @@ LAYERS = [
     ["testing"],
     ["drake"],
     ["cli"],
-    ["lis_grasp", "_displays"],
+    ["lis_grasp", "_displays", "__main__"],
 ]
 # What decides for the robot: it may know the true object by contacts only.
 _ROBOT = ("exploration", "surfaces", "meshing", "grasping")
 _OF_VERBS = ("add_arguments", "execute")
-# The touch loop of any prober, and the stage that `lis_grasp.explore` starts.
-_SHARED = {"explore"}
+# The touch loop of any prober and the choice of an agent, and what starts them in `lis_grasp`.
+_SHARED = {"explore", "next_touch"}
 _TYPE_CHECKING = ast.dump(ast.Name("TYPE_CHECKING", ast.Load()))
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 
