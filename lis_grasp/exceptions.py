@@ -1,4 +1,7 @@
-"""Errors that the package raises on purpose: one sentence for people, attributes for programs."""
+"""Errors that the package raises on purpose: one sentence for people, attributes for programs.
+
+An attribute that does not apply is empty or None.
+"""
 
 from __future__ import annotations
 
@@ -143,9 +146,9 @@ class InvalidContactsError(InvalidInputError):
     Attributes
     ----------
     field
-        Name of the field of `Contacts` that is wrong; empty if it is none in particular.
+        Name of the field of `Contacts` that is wrong.
     row
-        Index of the first contact that is wrong; None if it is none in particular.
+        Index of the first contact that is wrong.
     """
 
     def __init__(self, message: str, *, field: str = "", row: int | None = None) -> None:
@@ -159,7 +162,7 @@ class InvalidViewError(InvalidInputError):
     Attributes
     ----------
     field
-        Name of the field of `DepthView` that is wrong; empty if it is none in particular.
+        Name of the field of `DepthView` that is wrong.
     """
 
     def __init__(self, message: str, *, field: str = "") -> None:
@@ -191,9 +194,9 @@ class InvalidRobotError(InvalidInputError):
     Attributes
     ----------
     file
-        Name of the file; empty if it is none in particular.
+        Name of the file.
     key
-        Dotted key in it, for example ``pads.thumb.radius``; empty if it is none in particular.
+        Dotted key in it, for example ``pads.thumb.radius``.
     """
 
     def __init__(self, message: str, *, file: str = "", key: str = "") -> None:
@@ -276,10 +279,9 @@ class InvalidFileError(InvalidInputError):
     Attributes
     ----------
     path
-        The file; None if it is none in particular.
+        The file.
     field
-        Name of the value in it that is wrong, such as ``friction`` or ``grasps[0]``; empty if it is
-        none in particular.
+        Name of the value in it that is wrong, such as ``friction`` or ``grasps[0]``.
     """
 
     def __init__(self, message: str, *, path: Path | None = None, field: str = "") -> None:

@@ -36,12 +36,12 @@ class GraspPlanner(LeafSystem):
         estimate -> GraspPlanner -> grasp, plan, joint_positions, pregrasp_positions,
                                     squeeze_efforts
 
-    ``estimate`` comes from a `SurfaceEstimator`. ``grasp`` is the best one as ``(cost, X_WG)``: 1
-    minus its predicted success, and the desired pose of the base link's body; ``(inf, identity)``
-    if there is none. ``plan`` is the `GraspSearch`, with poses of the palm in E. The others are
-    vectors (J,) in the order of the hand's actuators: joint positions in contact, opened ones, and
-    efforts ``J^T f`` of the planned forces. The system plans when an output is used, once for each
-    estimate; this takes some seconds.
+    ``grasp`` is the best one as ``(cost, X_WG)``: 1 minus its predicted success, and the desired
+    pose of the base link's body; ``(inf, identity)`` if there is none. ``plan`` is the
+    `GraspSearch`, with poses of the palm in E. The others are vectors (J,) in the order of the
+    hand's actuators: joint positions in contact, opened ones, and efforts ``J^T f`` of the planned
+    forces. The system plans when an output is used, once for each estimate; this takes some
+    seconds.
 
     Parameters
     ----------

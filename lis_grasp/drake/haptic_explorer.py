@@ -72,13 +72,12 @@ class HapticExplorer(LeafSystem):
         contacts, estimate -> HapticExplorer -> X_WG, joint_state, arm_state, listening, done,
                                                 exploration
 
-    ``contacts`` come from a `TouchSensor`, ``estimate`` from a `SurfaceEstimator` of the same
-    contacts. ``X_WG`` is the desired pose of the hand's base link, continuous in time.
-    ``joint_state`` (2J,) has desired positions and rates in the order of the hand's actuators, for
-    ``plant.get_desired_state_input_port(hand.instance)``. ``listening`` is 1 on approach and probe;
-    connect it to the sensor's ``enable``. ``done`` is 1 at the end, and ``exploration`` is the
-    `Exploration` so far. With a station there is also ``arm_state`` (2K,). Contacts before the
-    first probe are prior knowledge.
+    ``estimate`` is that of the same ``contacts``. ``X_WG`` is the desired pose of the hand's base
+    link, continuous in time. ``joint_state`` (2J,) has desired positions and rates in the order of
+    the hand's actuators, for ``plant.get_desired_state_input_port(hand.instance)``. ``listening``
+    is 1 on approach and probe; connect it to the sensor's ``enable``. ``done`` is 1 at the end, and
+    ``exploration`` is the `Exploration` so far. With a station there is also ``arm_state`` (2K,).
+    Contacts before the first probe are prior knowledge.
 
     Parameters
     ----------

@@ -74,9 +74,8 @@ class SurfaceEstimator(LeafSystem):
 
         contacts -> SurfaceEstimator -> estimate
 
-    ``contacts`` come from a `TouchSensor`. ``estimate`` is a frozen record with ``contacts``,
-    ``surface`` (None without contacts) and ``mesh`` (None while it is not closed), all in E, each
-    computed at its first use. The system has no state.
+    ``estimate`` is a frozen record with ``contacts``, ``surface`` (None without contacts) and
+    ``mesh`` (None while it is not closed), all in E, each computed at its first use.
 
     Parameters
     ----------

@@ -95,8 +95,6 @@ def surface_error(
 ) -> SurfaceError:
     """Measure the errors of an estimate against the truth, over the explored part.
 
-    Without contacts, the whole surfaces are compared. Distances are exact, averaged over samples.
-
     Parameters
     ----------
     estimate

@@ -36,8 +36,7 @@ from lis_grasp.typing import FloatArray
 class Policy(Protocol):
     """Chooses the next probe from everything known; keeps no state of its own.
 
-    The same knowledge and generator give the same probe, so that an exploration can be repeated, or
-    resumed from its log.
+    The same knowledge and generator give the same probe.
     """
 
     def next_probe(
@@ -51,8 +50,8 @@ class Policy(Protocol):
         """Return the next probe, or None to end the exploration.
 
         `contacts`, in O, are all so far. `surface` is estimated from them (None without contacts)
-        before free space is removed: the walls that carving leaves must not be touched.
-        `outcomes` are those of every probe so far, in order. Draw random numbers from `rng`.
+        before free space is removed. `outcomes` are those of every probe so far, in order. Draw
+        random numbers from `rng`.
         """
         ...
 

@@ -199,7 +199,7 @@ class ProbeOutcome(Record):
 
 
 class Prober(Protocol):
-    """Carries out probes: a simulated hand, a real one, or geometry alone.
+    """Carries out probes.
 
     Every probe and every contact is in the object frame O. A probe that cannot be carried out is an
     outcome (``"blocked"``), not an exception.

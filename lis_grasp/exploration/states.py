@@ -111,10 +111,7 @@ class Exploration(Record):
     def replay(
         cls, observations: Sequence[Observation], *, touches: int | None = None
     ) -> Exploration:
-        """Rebuild an exploration from its record, as if it had ended after `touches`.
-
-        The probes after the last of these contacts are left out.
-        """
+        """Rebuild an exploration from its record, as if it had ended after `touches`."""
         contacts, maps, used = Contacts.empty(), Maps(), 0
         for used, observation in enumerate(observations, start=1):
             before, maps = maps, maps.after(observation, observations[: used - 1])

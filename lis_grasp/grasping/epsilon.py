@@ -37,8 +37,7 @@ def epsilon_quality(
 ) -> float:
     """Return the Ferrari-Canny quality: the radius of the largest ball of resisted wrenches.
 
-    Epsilon is the distance from the origin to the border of the convex hull of all primitive
-    wrenches (the L1 metric), and 0 where the origin is not inside.
+    Epsilon is 0 without force closure. The metric is L1.
 
     Parameters
     ----------

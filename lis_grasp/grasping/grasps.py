@@ -61,7 +61,7 @@ class Grasp(ByValue, Record):
     accepted
         Why it was accepted, in words.
     family
-        Kind of the grasp, one of `Hand.families`. Files of 1.4 have pinches only.
+        Kind of the grasp, one of `Hand.families`.
 
     Raises
     ------
@@ -151,7 +151,7 @@ class GraspSearch(ByValue, Record, Sequence[Grasp]):
     Parameters
     ----------
     grasps
-        Accepted grasps, the best first.
+        Accepted grasps.
     rejections
         Number of rejected candidates by reason (`lis_grasp.results.summary.REJECTIONS`).
     candidates
@@ -162,8 +162,6 @@ class GraspSearch(ByValue, Record, Sequence[Grasp]):
     Examples
     --------
     >>> search = plan("box", "wsg50", grasps=2)
-    >>> [grasp.epsilon > 0.0 for grasp in search]
-    [True, True]
     >>> search.best is search[0]
     True
     """

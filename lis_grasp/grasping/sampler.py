@@ -124,8 +124,6 @@ class ForceClosureSampler:
     ) -> GraspSearch:
         """Return up to `count` ranked grasps, and the reasons why other candidates were rejected.
 
-        `lis_grasp.results.summary.REJECTIONS` has a sentence for each reason.
-
         Parameters
         ----------
         mesh

@@ -60,8 +60,7 @@ def run(
 ) -> Run:
     """Run every stage on an object, with a folder of results.
 
-    Without options it is ``lis-grasp run``: only a region is known, the object is free, and the
-    sensor is realistic. With ``known=True`` it is ``lis-grasp run --known``.
+    Without options it is ``lis-grasp run``, with ``known=True`` ``lis-grasp run --known``.
 
     Parameters
     ----------
@@ -76,10 +75,7 @@ def run(
     progress
         Gets a message for every stage and step: `pipeline.Bars()` shows bars.
     options
-        See `Task.of`; they replace options of a scene file or a task. The usual ones are
-        ``touches``, ``seed``, ``estimator``, ``prober``, ``friction``, ``mass`` [kg], ``size`` [m],
-        ``units``, ``up``, ``pose``, ``region``, ``arm``, ``simulator`` and ``world``, the path of
-        the bodies beside the object.
+        See `Task.of`; they replace options of a scene file or a task.
 
     Raises
     ------
@@ -131,10 +127,8 @@ def explore(
     rng
         Seed, or a generator that draws it.
     options
-        See `Task.of`. The usual ones are ``known``, ``touches``, ``prober`` ("kinematic" needs
-        no simulator), ``estimator``, ``policy``, ``position_noise`` [m], ``normal_noise`` [rad],
-        ``pose``, ``region``, ``free``, ``cloud``, ``size`` [m], ``units``, ``up``, ``arm`` and
-        ``world``, a path or `Surroundings`.
+        See `Task.of`, such as ``touches`` and ``prober`` ("kinematic" needs no simulator).
+        ``world`` is a path or `Surroundings`.
 
     Raises
     ------

@@ -56,9 +56,8 @@ def label_file(
 ) -> LabelledFile:
     """Simulate the lift of every grasp in a file, and write the grasps with their outcomes.
 
-    Outcomes are added to labels.jsonl as they come. The same call continues from there, unless the
-    grasps, the object or an option have changed. At the end grasps.parquet has one row for each
-    grasp. For further arguments and errors see `lift_file`.
+    The same call continues from labels.jsonl, unless the grasps, the object or an option have
+    changed. For further arguments and errors see `lift_file`.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ class Hand(RobotModel):
     probe_postures
         Postures (J,) by the leading finger's name.
     self_collision_exclusions
-        Pairs of link names, each pair sorted, that may touch; links joined by a joint are included.
+        Pairs of link names, each pair sorted, that may touch.
     max_contact_force
         Largest force of one finger [N].
     X_FB

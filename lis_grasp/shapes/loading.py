@@ -80,7 +80,7 @@ def find(
 def load(path: str | Path, units: str | None = None, up: str | None = None) -> Shape:
     """Return the object in a mesh file, closed and outward whatever state the file is in.
 
-    The frame O is the file's own, scaled to metres, with z upwards. Several parts are one object.
+    The frame O is the file's own, scaled to metres, with z upwards.
     `Shape.repairs` lists the scale and turn that a file states, and repairs.
 
     Parameters

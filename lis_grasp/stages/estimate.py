@@ -278,8 +278,7 @@ def estimate(
         or a function of contacts.
     support_height
         Height of the table on which the object stands [m]; None for none. It closes the estimate
-        from below, and walls that were touched near it continue down to it. ``table`` is its name
-        in 2.0.
+        from below, and walls that were touched near it continue down to it.
     free_space
         Whether the contacts' free space is removed from the estimate.
     keep_all
@@ -300,9 +299,7 @@ def estimate(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> axes = np.vstack([np.eye(3), -np.eye(3)])
-    >>> surface = estimate(Contacts(points=0.03 * axes, normals=axes), "gpis")
+    >>> surface = estimate(contacts, "gpis")
     >>> bool(abs(surface.evaluate([0.0, 0.0, 0.03])) < 1e-6)  # the surface is where this is 0
     True
     """

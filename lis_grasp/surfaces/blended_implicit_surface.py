@@ -1,4 +1,10 @@
-"""Blend of a sharp and a smooth estimate, weighted by cross-validation over places."""
+"""Blend of a sharp and a smooth estimate, weighted by cross-validation over places.
+
+f = smooth + w v (sharp - smooth)
+
+w rises from 0 to 1 with the evidence for the sharp estimate in cross-validation, near a point
+and overall. v falls from 1 to 0 where the two estimates are 0.5 to 1 spacings apart.
+"""
 
 from __future__ import annotations
 
@@ -41,11 +47,6 @@ _NEAR, _FAR = 0.5, 1.0
 @dataclass(frozen=True, slots=True, eq=False)
 class BlendedImplicitSurface(Predicting):
     """Blend of a patch surface and a Gaussian process, by their prediction errors.
-
-    f = smooth + w v (sharp - smooth)
-
-    w rises from 0 to 1 with the evidence for the sharp estimate in cross-validation, near a point
-    and overall. v falls from 1 to 0 where the two estimates are 0.5 to 1 spacings apart.
 
     Made by `from_contacts`. Near the surface f is about a distance.
 

@@ -50,13 +50,11 @@ def load_contacts(
 ) -> Contacts:
     """Read contacts; estimate their normals if the file has none.
 
-    Size and side of the normals are checked.
-
     Parameters
     ----------
     path
         A contact file (`Contacts.load`), or a file of points without normals
-        (`io.contact_files.read_point_file`): PLY, CSV, PCD, NPY, NPZ, OFF or a text of numbers.
+        (`io.contact_files.read_point_file`).
         Or such points in memory: an array of shape (N, 3), or (N, 6) with normals, or a table with
         the names of a file's columns.
     units

@@ -1,4 +1,11 @@
-"""Gaussian process implicit surface (GPIS) from contact positions and normals."""
+"""Gaussian process implicit surface (GPIS) from contact positions and normals.
+
+f(x) = mean + k_*^T (K + noise)^-1 (targets - mean)                                   (eq. 3)
+
+with value and gradient blocks in K, 4N x 4N (Williams and Fitzgibbon 2007; Rasmussen and
+Williams 2006, section 9.4; Ottenhaus et al. 2016, section II.B). The prior mean is positive:
+far from every contact is outside.
+"""
 
 from __future__ import annotations
 
@@ -63,14 +70,9 @@ _LEAST_AXIS = 0.15
 class GaussianProcessImplicitSurface(Predicting):
     """The posterior mean of a GP conditioned on value 0 and the normal as gradient at contacts.
 
-    f(x) = mean + k_*^T (K + noise)^-1 (targets - mean)                                   (eq. 3)
-
-    with value and gradient blocks in K, 4N x 4N (Williams and Fitzgibbon 2007; Rasmussen and
-    Williams 2006, section 9.4; Ottenhaus et al. 2016, section II.B). The prior mean is positive:
-    far from every contact is outside.
-
-    Made by `from_contacts`. Near contacts f is about metric [m]; far from them it flattens to the
-    prior mean, except for the thin plate.
+    Made by `from_contacts` (Williams and Fitzgibbon 2007; equations of Ottenhaus et al. 2016). Near
+    contacts f is about metric [m]; far from them it flattens to the prior mean, except for the thin
+    plate.
 
     Examples
     --------

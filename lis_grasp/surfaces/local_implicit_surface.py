@@ -1,4 +1,10 @@
-"""Local Implicit Surfaces, which keep edges sharp (Ottenhaus et al. 2016)."""
+"""Local Implicit Surfaces, which keep edges sharp (Ottenhaus et al. 2016).
+
+f(x) = sum_i w_i k(x, c_i) beta_i(x) y_i(x)  /  sum_i w_i k(x, c_i)        (eq. 7, normalised)
+
+with the plane y_i of contact i, a weight w_i, a Gaussian kernel k and the convexity beta_i.
+It has the zero set of eq. 7. The denominator, which is not in the paper, keeps values finite.
+"""
 
 from __future__ import annotations
 
@@ -47,11 +53,6 @@ _ABOVE = 1e-6
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalImplicitSurface(BlockwiseSurface):
     """Kernel-weighted mean of the contacts' tangent planes, scaled by local convexity.
-
-    f(x) = sum_i w_i k(x, c_i) beta_i(x) y_i(x)  /  sum_i w_i k(x, c_i)        (eq. 7, normalised)
-
-    with the plane y_i of contact i, a weight w_i, a Gaussian kernel k and the convexity beta_i.
-    It has the zero set of eq. 7. The denominator, which is not in the paper, keeps values finite.
 
     Made by `from_contacts`. Values are not metric: beside a convex edge they are scaled by beta.
 

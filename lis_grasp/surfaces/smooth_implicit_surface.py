@@ -1,4 +1,11 @@
-"""Smooth implicit surface: a Gaussian process with free gradient lengths, settings by contacts."""
+"""Smooth implicit surface: a Gaussian process with free gradient lengths, settings by contacts.
+
+f = bound + v (free - bound)
+
+The free process has the Matern 7/2 kernel that predicts left-out places best, and observes
+directions of gradients only; it is the bound one where that predicts better. v falls from 1 to
+0 where it is a quarter to half a spacing from the bound one, which is `gpis`.
+"""
 
 from __future__ import annotations
 
@@ -47,12 +54,6 @@ _DOUBT = 0.35
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothImplicitSurface(Predicting):
     """A Gaussian process for shapes without edges, smoother than `gpis`.
-
-    f = bound + v (free - bound)
-
-    The free process has the Matern 7/2 kernel that predicts left-out places best, and observes
-    directions of gradients only; it is the bound one where that predicts better. v falls from 1 to
-    0 where it is a quarter to half a spacing from the bound one, which is `gpis`.
 
     Made by `from_contacts`. Near contacts f is about metric.
 

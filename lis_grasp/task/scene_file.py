@@ -51,8 +51,6 @@ def is_scene_file(name: object) -> bool:
 def load_scene(path: Path | str) -> Task:
     """Return the task of a scene file.
 
-    Missing options have the defaults of `Task`. Paths start at the folder of the file.
-
     Raises `InvalidFileError` if the file cannot be read, `InvalidSceneError` if a key is unknown or
     a value of a wrong type, and the errors of `Task`.
 
@@ -83,9 +81,7 @@ def _located(name: str, folder: Path) -> str:
 
 
 def write_scene(task: Task, path: Path | str) -> None:
-    """Write a task as a scene file, every option with its value.
-
-    The schema is written beside it, for editors: the first line of the file names it.
+    """Write a task as a scene file, every option with its value, and the schema beside it.
 
     Examples
     --------

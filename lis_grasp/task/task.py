@@ -57,7 +57,7 @@ _Task = TypeVar("_Task", bound="Task")
 class Task:
     """A world, a robot, what it knows beforehand, how it decides, and the seed of random draws.
 
-    No option is a field of two of these. `Task.of` takes all by name, as ``lis-grasp run`` does.
+    `Task.of` takes all by name, as ``lis-grasp run`` does.
 
     Raises
     ------

@@ -48,8 +48,7 @@ def check_estimator(estimator: str | Callable[..., Any]) -> None:
     Raises
     ------
     FailedCheckError
-        If it fails some, with a sentence on each in `failures`: what was required, what came, and
-        what to do.
+        If it fails some, with a sentence on each in `failures`.
 
     Examples
     --------

@@ -178,7 +178,7 @@ class Scene:
         write_text(Path(path), self.html())
 
     def html(self) -> str:
-        """Return the scene as one self-contained HTML page; equal scenes give equal bytes."""
+        """Return the scene as one self-contained HTML page."""
         canvas, object_points, size = Canvas(), self._object_points(), self._size()
         surfaces = list(self.growth)
         if self.estimate is not None:

@@ -93,8 +93,7 @@ class HandInPlant:
         """Add a system that pulls the floating hand to a pose, and return it.
 
         Connect its input ``X_WG``, and its output to the plant's ``applied_spatial_force``: of
-        several hands by an ``ExternallyAppliedSpatialForceMultiplexer``. It is stable at every time
-        step.
+        several hands by an ``ExternallyAppliedSpatialForceMultiplexer``.
 
         Raises `InvalidOptionError` if the plant is not finalized, or the hand does not float, or
         has weight, which a wrist does not carry.

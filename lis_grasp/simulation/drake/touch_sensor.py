@@ -55,8 +55,7 @@ class TouchSensor(LeafSystem):
 
     A contact is the area-weighted centroid of a contact patch and its outward normal; a patch
     across an edge counts as two. Of point contact, the witness point on the object counts. An
-    `InexactContactWarning` names each pair of bodies whose contact Drake computes on point pairs,
-    or on the convex hull of a mesh.
+    `InexactContactWarning` names each pair of bodies whose contact is not exact.
 
     Frames: W world; E frame of the contacts, fixed in W, or to a body.
 
