@@ -75,7 +75,8 @@ def run(
     progress
         Gets a message for every stage and step: `pipeline.Bars()` shows bars.
     options
-        See `Task.of`; they replace options of a scene file or a task.
+        See `Task.of`, such as ``touches``, ``seed``, ``estimator``, ``mass`` [kg], ``size`` [m],
+        ``arm`` and ``world``, a path; they replace options of a scene file or a task.
 
     Raises
     ------

@@ -49,7 +49,7 @@ def times_line(times: Mapping[str, Any]) -> str:
     parts = ", ".join(f"{kind} {s:.0f}" for kind, s in kinds.items() if s > _SHOWN)
     lifting = sum(times["lifting"].values())
     total = f"{times['total']:.0f} s" if until is None else f"{until:.0f} s until it was lifted"
-    return f"moved     for {total} (touching: {parts or 0}; lifts, tests and shake: {lifting:.0f})"
+    return f"motion    {total} (touching: {parts or 0}; lifts, tests and shake: {lifting:.0f})"
 
 
 def _add(seconds: dict[str, float], more: Mapping[str, float]) -> None:
