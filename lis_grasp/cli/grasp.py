@@ -106,7 +106,9 @@ def execute(options: argparse.Namespace) -> int:
         say(f"wrote {folder}: copy hand/lis_{hand.name}.yaml to the benchmark's config/hand, then")
         say(f"  python src/main.py task=eval hand=lis_{hand.name} save_dir={folder}")
     if not made.search.grasps:
-        say(next_step("another hand, or what the most frequent reason above names"))
+        surface, then = options.mesh.parent, "another hand, or what the most frequent reason names"
+        shows = "lis-grasp view {} shows the surface; then " * (surface / "surface.ply").is_file()
+        say(next_step(shows + then, surface))
         return 1
     known = "object" in made.recorded
     lift, view = ("lis-grasp lift {}", made.path), ("lis-grasp view {}", made.path.parent)

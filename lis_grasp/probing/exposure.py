@@ -10,6 +10,7 @@ from lis_grasp.typing import FloatArray
 _OBJECTS = np.array([[0.03, 0.06], [0.05, 0.1], [0.05, 0.2]])
 SPACING = 0.01
 """Spacing of their places across the motion [m]."""
+_TIE = 1e-6  # Less makes no difference [m]: rounding differs between processors.
 
 
 def exposed_width(
@@ -23,14 +24,15 @@ def exposed_width(
     """
     across = np.array([-direction[1], direction[0]])
     places = inner[:, :2] @ across
-    centers = np.arange(places.min() - 0.05, places.max() + 0.05, SPACING)  # (C,)
+    count = int((np.ptp(places) + 0.1 + _TIE) / SPACING) + 1
+    centers = places.min() - 0.05 + SPACING * np.arange(count)  # (C,)
     widths = []
     for radius, top in _OBJECTS:
         first, of_tips = (
-            _reached(points[points[:, 2] < height + top], direction, across, centers, radius)
+            _reached(points[points[:, 2] < height + top - _TIE], direction, across, centers, radius)
             for points in (inner, tips)
         )
-        widths.append(SPACING * np.count_nonzero(first > of_tips))
+        widths.append(SPACING * np.count_nonzero(first > of_tips + _TIE))
     return float(np.mean(widths))
 
 
@@ -47,5 +49,5 @@ def _reached(
     """
     beside = np.abs(points[:, :2] @ across - centers[:, None])  # (C, P)
     bulge = np.sqrt(np.maximum(radius**2 - beside**2, 0.0))
-    ahead = np.where(beside < radius, points @ direction + bulge, -np.inf)
+    ahead = np.where(beside < radius - _TIE, points @ direction + bulge, -np.inf)
     return np.asarray(ahead.max(axis=1, initial=-np.inf))
