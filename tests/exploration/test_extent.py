@@ -185,7 +185,8 @@ def test_a_stop_rule_waits_for_the_ends_and_the_reason_names_them() -> None:
     missed = ProbeOutcome(Probe(5.0 * UP, -UP, 0.1, 0.05), "missed")  # before the first contact
     space = Region(tip_radius=0.004)
     nothing_left = SimpleNamespace(next_probe=lambda *_, **__: None)
-    for count, ended in ((0, "the policy has no probe left; not"), (32, "34 probes made; not")):
+    probes = 32 + len(found.observations)
+    for count, ended in ((0, "the policy has no probe left; not"), (32, f"{probes} probes made; ")):
         strategy = ExplorationStrategy(nothing_left, 3, space)
         recorded = [Observation(missed)] * count + list(found.observations)
         state = begin(perception, strategy, recorded)

@@ -73,7 +73,11 @@ def test_every_hand_on_every_arm_touches_and_lifts(
     assert len(run.grasps)
     assert run.report["lift"]["reason"] not in ("diverged", "arm_collision", "torque_limit")
     if prober == "dynamic":
-        assert run.report["arm"]["touches"]["contacts"] == {}
+        # A link of the hand may meet the unknown object before a fingertip does; nothing else.
+        for name in run.report["arm"]["touches"]["contacts"]:
+            link, body = name.split(" with ")
+            assert body == "object"
+            assert link in Hand.load(hand).links
 
 
 @pytest.mark.slow
