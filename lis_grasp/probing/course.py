@@ -36,7 +36,8 @@ class Leg:
     direction: FloatArray  # (3,), unit, in O
     planned: float  # length as planned [m]
     speed: float  # guarded, where something may be touched [m/s]
-    free: float = 0.0  # length of the part before, which is free: there it is `TRANSIT_SPEED` [m]
+    free: float = 0.0  # length of the part before, in which nothing is expected [m]
+    fast: float = TRANSIT_SPEED  # speed there [m/s]
     q_arm: FloatArray | None = None  # (S, J): an arm's positions at even places along this length
     length: float = 0.0  # up to its end or a contact [m]
     remaining: float = 0.0  # the part after a contact [m]
@@ -50,7 +51,7 @@ class Leg:
     @property
     def speed_at_end(self) -> float:
         """Speed at the leg's end [m/s]: where nothing was expected, it is not guarded."""
-        return self.speed if self.length >= self.free else TRANSIT_SPEED
+        return self.speed if self.length >= self.free else self.fast
 
     @property
     def durations(self) -> tuple[float, float]:
@@ -59,15 +60,20 @@ class Leg:
             return 0.0, 0.0
         free = min(self.free, self.length)
         if self.q_arm is None:
-            return free / TRANSIT_SPEED, (self.length - free) / self.speed
+            return free / self.fast, (self.length - free) / self.speed
         places, times, _ = _profile(self, keeps_speed=False)
         before = float(np.interp(free, places, times))
         return before, float(times[-1]) - before
 
     @property
     def back(self) -> float:
-        """Time of the way back along it, where everything is free [s]."""
-        return sum(replace(self, free=self.length).durations)
+        """Time of the way back along it [s]."""
+        return sum(self.passed.durations)
+
+    @property
+    def passed(self) -> Leg:
+        """The leg as it is known after the motion: everything is free."""
+        return replace(self, free=self.length, fast=TRANSIT_SPEED)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,7 +176,7 @@ def path_out(arm: Arm, course: Course, before: float, step: float) -> JointTraje
 def path_back(arm: Arm, course: Course, before: float, step: float) -> JointTrajectory:
     """Return the path from where `path_out` ends to where its legs began, from rest to rest."""
     legs = reversed(_shortened(course, before))
-    return joined([_path(arm, replace(leg, free=leg.length), step).reversed() for leg in legs])
+    return joined([_path(arm, leg.passed, step).reversed() for leg in legs])
 
 
 def _shortened(course: Course, before: float) -> list[Leg]:
@@ -233,7 +239,7 @@ def _profile(leg: Leg, *, keeps_speed: bool) -> tuple[FloatArray, FloatArray, Fl
     if 0.0 < leg.free < leg.length:
         s = np.union1d(s, [leg.free])
     braking = 2.0 * _ACCELERATION
-    fastest = np.minimum(leg.speed**2 + braking * np.maximum(leg.free - s, 0.0), TRANSIT_SPEED**2)
+    fastest = np.minimum(leg.speed**2 + braking * np.maximum(leg.free - s, 0.0), leg.fast**2)
     squares = np.minimum(fastest, braking * s)
     if not keeps_speed:
         squares = np.minimum(squares, braking * (leg.length - s))

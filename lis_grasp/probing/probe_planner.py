@@ -16,10 +16,11 @@ from lis_grasp.arms.trajectory import JointTrajectory, joined, time_path
 from lis_grasp.arms.transit import TransitPlanner
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.probe_motions import (
+    ARM_APPROACH_SPEED,
     ARM_PROBE_SPEED,
-    ARM_SEARCH_SPEED,
     PROBE_SPEED,
     SEARCH_SPEED,
+    TRANSIT_SPEED,
 )
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.geometry import apply_pose
@@ -160,12 +161,13 @@ class ProbePlanner:
         """
         begin, axis, distance = approach.X_OH_outside, approach.axis, approach.distance
         X_OH, along, length = approach.X_OH, probe.direction, probe.standoff + probe.overshoot
-        speed, searching, q_in, q_ahead = self._probe_speed, SEARCH_SPEED, None, None
+        speed, searching, fast = self._probe_speed, SEARCH_SPEED, TRANSIT_SPEED
+        q_in, q_ahead = None, None
         if approach.arm is not None:
-            speed, searching = ARM_PROBE_SPEED, ARM_SEARCH_SPEED
+            speed, searching, fast = ARM_PROBE_SPEED, ARM_PROBE_SPEED, ARM_APPROACH_SPEED
             q_in, q_ahead = approach.arm.approach, approach.arm.motion
-        way_in = Leg(begin, axis, distance, speed, q_arm=q_in)
-        ahead = Leg(X_OH, along, length, speed, q_arm=q_ahead)
+        way_in = Leg(begin, axis, distance, speed, fast=fast, q_arm=q_in)
+        ahead = Leg(X_OH, along, length, speed, fast=fast, q_arm=q_ahead)
         if obstacles is None:
             return way_in, ahead
         keep_out = keep_out_of(obstacles)

@@ -9,7 +9,12 @@ from stations import station_with
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import Probe
-from lis_grasp.exploration.probe_motions import ARM_PROBE_SPEED, ARM_SEARCH_SPEED, TRANSIT_SPEED
+from lis_grasp.exploration.probe_motions import (
+    ARM_APPROACH_SPEED,
+    ARM_PROBE_SPEED,
+    GENTLE_SPEED,
+    SEARCH_SPEED,
+)
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.probing.course import Course, path_back, path_out
 from lis_grasp.probing.guarded_motion import GuardedMotion
@@ -69,7 +74,7 @@ def test_the_palm_is_fast_where_it_is_free_and_slows_down_before_the_rest(
     guarded = speeds[count:][travelled > free + 1e-3]
     assert guarded.max(initial=0.0) <= leg.speed * 1.02
     if free >= leg.length:
-        assert leg.speed < speeds[count:].max() < TRANSIT_SPEED * 1.02
+        assert leg.speed < speeds[count:].max() < ARM_APPROACH_SPEED * 1.02
     seconds = course.seconds
     legs = path.duration - course.way.duration
     assert legs == pytest.approx(seconds["free"] + seconds["guarded"], rel=0.02)
@@ -77,13 +82,15 @@ def test_the_palm_is_fast_where_it_is_free_and_slows_down_before_the_rest(
     assert back.duration == pytest.approx(seconds["retreat"], rel=0.02)
 
 
-def test_a_search_is_faster_than_a_probe_only_where_the_object_can_yield() -> None:
-    motion = GuardedMotion(STATION.hand, BOX, STATION)
-    level = motion.run(Probe([-0.03, 0.0, 0.02], [1.0, 0.0, 0.0], 0.05, 0.02), SPACE)
-    assert isinstance(level, Course)
-    assert level.last.speed == ARM_SEARCH_SPEED
-    for leg in level.legs:
-        assert leg.speed * abs(leg.direction[2]) <= ARM_PROBE_SPEED + 1e-12
+def test_a_search_is_faster_only_without_an_arm_where_the_object_can_yield() -> None:
+    probe = Probe([-0.03, 0.0, 0.02], [1.0, 0.0, 0.0], 0.05, 0.02)
+    for station, speed in ((None, SEARCH_SPEED), (STATION, ARM_PROBE_SPEED)):
+        motion = GuardedMotion(STATION.hand, BOX, station, probe_speed=GENTLE_SPEED)
+        level = motion.run(probe, SPACE)
+        assert isinstance(level, Course)
+        assert level.last.speed == speed
+        for leg in level.legs:
+            assert leg.speed * abs(leg.direction[2]) <= GENTLE_SPEED + 1e-12
 
 
 def test_a_stretched_arm_is_slower(course: Course) -> None:

@@ -86,4 +86,4 @@ def test_a_contact_with_another_body_is_recorded_by_its_name(station: Station) -
     assert outcome.contacts.points[0, 2] == pytest.approx(top[2], abs=1e-3)
     assert use.contacts
     assert {pair.split(" with ")[1] for pair in use.contacts} == {"block"}
-    assert max(use.forces.values()) <= prober.disturbance.forces["block"] < 2.0
+    assert max(use.forces.values()) < 1.02 * prober.disturbance.forces["block"] < 2.0
