@@ -29,7 +29,7 @@ def task(tmp_path_factory: pytest.TempPathFactory) -> Task:
     """
     folder = tmp_path_factory.mktemp("world")
     np.savetxt(folder / "pose.txt", make_pose(np.eye(3), [0.0, 0.0, 0.06]))
-    wall = Body.box("wall", (0.02, 0.44, 0.1), (-0.21, 0.0, 0.05), mass=0.05)
+    wall = Body.box("wall", (0.02, 0.44, 0.1), (-0.17, 0.0, 0.05), mass=0.05)
     beside = Surroundings((*worlds.block(0.02, mass=None), wall))
     return Task.of(
         "box",
