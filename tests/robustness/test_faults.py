@@ -30,7 +30,7 @@ ESTIMATED = {*EXPLORED, "surface.ply"}
 # The function that fails, after how many good calls, and the files finished by then.
 FAULTS = {
     "FCL while touching": (
-        f"{CHECKER}.nearest",
+        f"{CHECKER}.distance",
         12,
         TOUCHED,
     ),
