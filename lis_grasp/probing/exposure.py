@@ -22,6 +22,8 @@ def exposed_width(
     `inner` (P, 3) are on links that are not to touch, `tips` (T, 3) on fingertips, where the motion
     along a `direction` (3,), level and unit, begins [m].
     """
+    if not len(inner):  # a suction cup is a fingertip only
+        return 0.0
     across = np.array([-direction[1], direction[0]])
     places = inner[:, :2] @ across
     count = int((np.ptp(places) + 0.1 + _TIE) / SPACING) + 1

@@ -44,3 +44,7 @@ def test_more_fingertips_side_by_side_leave_less_exposed() -> None:
     inner = np.array([[-0.03, y, 0.03] for y in np.linspace(-0.06, 0.06, 13)])
     rake = np.array([[0.0, y, 0.005] for y in (-0.045, 0.0, 0.045)])
     assert exposed_width(inner, rake, ALONG, 0.0) < 0.5 * exposed_width(inner, TIP, ALONG, 0.0)
+
+
+def test_a_hand_of_fingertips_alone_is_not_exposed() -> None:
+    assert exposed_width(np.empty((0, 3)), TIP, ALONG, 0.0) == 0.0
