@@ -177,6 +177,8 @@ class ApproachPlanner:
                             continue
                         rolled[k] = between
                     level = self._nearness(rolled[k], probe, keep_out)
+                    if level == FREE and self._reach is None and not searches:
+                        return rolled[k]  # a free hand follows every approach
                     if level == FREE:
                         (searched if searches else free).append(rolled[k])
                     elif level < INSIDE or self._reach is None:
