@@ -107,8 +107,9 @@ def execute(options: argparse.Namespace) -> int:
         say(f"  python src/main.py task=eval hand=lis_{hand.name} save_dir={folder}")
     if not made.search.grasps:
         surface, then = options.mesh.parent, "another hand, or what the most frequent reason names"
-        shows = "lis-grasp view {} shows the surface; then " * (surface / "surface.ply").is_file()
-        say(next_step(shows + then, surface))
+        if (surface / "surface.ply").is_file():
+            then = f"lis-grasp view {{}} shows the surface; then {then}"
+        say(next_step(then, surface))
         return 1
     known = "object" in made.recorded
     lift, view = ("lis-grasp lift {}", made.path), ("lis-grasp view {}", made.path.parent)

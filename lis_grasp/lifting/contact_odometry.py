@@ -25,9 +25,9 @@ from lis_grasp.typing import FloatArray
 # [m]; and of its motion by itself [rad, m].
 _ALONG, _ACROSS = 0.0003, 0.0006
 _TURNING, _FREE = 0.08, 0.004
-_LEAST_FORCE = 1e-6  # [N], so that contacts without a force have no weight
 # Weight of the latter while the links move it, so that no motion that they determine is shortened.
 _WEAK = 0.01
+_LEAST_FORCE = 1e-6  # [N], so that contacts without a force have no weight
 
 _OWN_INFORMATION = np.diag(1.0 / np.repeat([_TURNING, _FREE], 3) ** 2)  # (6, 6)
 

@@ -41,11 +41,11 @@ from lis_grasp.task.task import LIFTING, Task, require_options, task_options
 from lis_grasp.typing import Seed
 from lis_grasp.world import Surroundings
 
-# Options that a plan and a lift use, beside hand and object.
+# Options of the next touch: where the object is, and how the hand senses and decides.
 _OF_PLACE = ("center", "size", "held", "region")
-_OF_TOUCH = (
-    *("estimator", "policy", "slide", "position_noise", "normal_noise", "keep_all", "world", "at"),
-)
+_NOISE = ("position_noise", "normal_noise")
+_OF_TOUCH = ("estimator", "policy", "slide", *_NOISE, "keep_all", "world", "at")
+# Options that a plan and a lift use, beside hand and object.
 _LOAD = ("size", "units", "up", "mass", "friction", "load", "arm", "base", "world", "at")
 
 

@@ -51,8 +51,7 @@ def worlds_table(rows: Sequence[Row]) -> Table:
         ("CPU", lambda of: _ratio(of, rows, "cpu")),
     ]
     fitting = _fitting(rows)
-    groups = {name: split(fitting, "scene").get(name, []) for name in (ALONE, *SCENES)}
-    groups = {_label(name): of for name, of in groups.items()}
+    groups = {_label(name): _in(fitting, name) for name in (ALONE, *SCENES)}
     groups |= {"all wide": _kind(fitting, tight=False), "all tight": _kind(fitting, tight=True)}
     title = "Beside other bodies, compared with the same runs alone"
     return grouped_table("worlds", title, "scene", groups, columns)
