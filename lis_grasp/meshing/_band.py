@@ -14,28 +14,27 @@ import numpy as np
 from lis_grasp.meshing._grid import Field, Grid
 from lis_grasp.typing import BoolArray, FloatArray
 
-# Side of a coarse cell, in cells.
 COARSE = 4
+"""Side of a coarse cell, in cells."""
 
 # A coarse cell without a change of sign may hold a thin sheet. It is refined if the surface is, by
 # the typical slope, nearer to a corner than this fraction of its side.
 _NEARNESS = 0.5
 
 
-def sample_band(field: Field, grid: Grid) -> FloatArray:
+def sample_band(field: Field, grid: Grid, step: int = COARSE) -> FloatArray:
     """Return f at the nodes of every cell that the surface passes, shape `grid.nodes`.
 
-    NaN where it was not evaluated. Nodes outside the bounds are outside the object, +inf.
+    NaN where it was not evaluated. Nodes outside the bounds are outside the object, +inf. Coarse
+    cells are `step` cells wide, a power of two; a sheet thinner than half of them may be missed.
     """
     values = np.full(grid.nodes, np.nan)
     wanted = np.zeros(grid.nodes, dtype=bool)
-    wanted[::COARSE, ::COARSE, ::COARSE] = True
+    wanted[::step, ::step, ::step] = True
     values[~grid.within_bounds()] = np.inf
     _evaluate(field, grid, values, wanted)
     # Here the magnitude of f is used, not only its sign.
-    coarse = values[::COARSE, ::COARSE, ::COARSE]
-    nearness = _NEARNESS * _typical_slope(coarse)
-    step = COARSE
+    nearness = _NEARNESS * _typical_slope(values[::step, ::step, ::step])
     while step > 1:
         active = _cells_near_surface(values[::step, ::step, ::step], nearness)
         # While no inside is found, it may be anywhere.

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+from lis_grasp.meshing.occupancy import occupied_nodes
+from lis_grasp.typing import BoolArray, FloatArray
+
+_T = TypeVar("_T", bound=np.generic)
 
 # Cells of the grid along the object's largest extent; the grid extends this many sizes beyond it.
 _CELLS, _MARGIN = 24, 0.2
@@ -39,37 +44,37 @@ class KeepOut:
     def __init__(self, obstacles: ObstacleModel) -> None:
         space, surface = obstacles.space, obstacles.surface
         self._cell = space.size / _CELLS
-        count = int(np.ceil((1.0 + 2.0 * _MARGIN) * _CELLS)) + 1
-        self._lowest = space.center - 0.5 * (count - 1) * self._cell
-        self._levels = np.full((count,) * 3, FREE, dtype=np.int8)
-        self._slow = np.zeros((count,) * 3, dtype=np.bool_)
         self._space = space
         #: whether the contacts show the object
         self.is_known = surface is not None and len(obstacles.contacts) >= _FEW
         if surface is None or not self.is_known:
             return
-        nodes = self._lowest + self._cell * np.moveaxis(np.indices((count,) * 3), 0, -1)
-        inside = surface.evaluate(nodes) < 0.0  # (X, Y, Z)
+        reach = (0.5 + _MARGIN) * space.size
+        box = np.array([space.center - reach, space.center + reach])
+        self._lowest, inside = occupied_nodes(surface, box, self._cell)
         self.is_known = bool(inside.any())
         if not self.is_known:
             return
         distances, nearest = ndimage.distance_transform_edt(~inside, return_indices=True)
         border = inside & ~ndimage.binary_erosion(inside)
         deviations = np.zeros(inside.shape)
-        deviations[border] = surface.uncertainty(nodes[border])
+        nodes = self._lowest + self._cell * np.argwhere(border)
+        deviations[border] = surface.uncertainty(nodes)
         deviations = deviations[tuple(nearest)]
         # The surface is half a cell beyond the last node inside, on average.
         apart = (distances - 0.5) * self._cell
-        self._levels[apart < np.clip(_DEVIATIONS * deviations, _LEAST, _LARGEST)] = NEAR
-        self._levels[inside] = INSIDE
+        near = apart < np.clip(_DEVIATIONS * deviations, _LEAST, _LARGEST)
+        self._levels = np.where(inside, INSIDE, np.where(near, NEAR, FREE)).astype(np.int8)
         slow = np.clip(_SLOW_DEVIATIONS * deviations, _SLOW_LEAST, _SLOW_LARGEST)
         self._slow = (apart < slow) | inside
+        outermost = np.pad(
+            np.zeros(np.subtract(inside.shape, 2), dtype=np.bool_), 1, constant_values=True
+        )
+        self._levels[outermost], self._slow[outermost] = FREE, False
 
     def nearness(self, points: FloatArray) -> int:
         """Return the worst place of points (..., 3) [m]: `FREE`, `NEAR` or `INSIDE`."""
-        index, within = self._index(points)
-        i, j, k = index[within].T
-        return int(self._levels[i, j, k].max(initial=FREE))
+        return int(self._at(self._levels, points).max(initial=FREE)) if self.is_known else FREE
 
     def may_touch(self, points: FloatArray) -> BoolArray:
         """Return which points (..., 3) [m] on a hand may touch the object, shape (...).
@@ -80,14 +85,13 @@ class KeepOut:
         if not self.is_known:
             space = self._space
             return np.asarray(np.linalg.norm(points - space.center, axis=-1) < space.radius)
-        index, within = self._index(points)
-        found = np.zeros(within.shape, dtype=np.bool_)
-        i, j, k = index[within].T
-        found[within] = self._slow[i, j, k]
-        return found
+        return self._at(self._slow, points)
 
-    def _index(self, points: FloatArray) -> tuple[IndexArray, BoolArray]:
-        """Return the nodes nearest to points (..., 3), and which are in the grid, (...)."""
-        index = np.round((points - self._lowest) / self._cell).astype(np.intp)
-        within = (index >= 0) & (index < len(self._levels))
-        return index, np.asarray(within.all(axis=-1))
+    def _at(self, values: NDArray[_T], points: FloatArray) -> NDArray[_T]:
+        """Return the values (...) of the nodes nearest to points (..., 3).
+
+        Beyond the grid, they are those of its outermost nodes, which are free.
+        """
+        index = ((points - (self._lowest - 0.5 * self._cell)) / self._cell).astype(np.int32)
+        i, j, k = np.moveaxis(np.clip(index, 0, np.array(values.shape) - 1), -1, 0)
+        return values[i, j, k]
