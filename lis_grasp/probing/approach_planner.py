@@ -241,6 +241,8 @@ class ApproachPlanner:
 
     def _nearness(self, approach: Approach, probe: Probe, keep_out: KeepOut) -> int:
         """Return how near the links other than fingertips come to the estimate on the motion."""
+        if not keep_out.is_known:
+            return FREE
         points = apply_pose(approach.X_OH, self._inner[approach.posture.finger])  # (P, 3)
         length = probe.standoff + min(probe.overshoot, _FARTHER)
         ahead = np.append(np.arange(0.0, length, POSE_SPACING), length)[:, None] * probe.direction
