@@ -268,7 +268,7 @@ class ArmMover:
         inside = path_out(arm, replace(course, legs=legs[:1]), 0.0, TIME_STEP)
         return replace(
             self._on(path, q_before, q, change),
-            guarded=change + way.duration,
+            guarded=change + way.motion.duration,
             slow=change + inside.duration,
             at_table=end < probe.standoff,
             course=course,
@@ -286,7 +286,7 @@ class ArmMover:
         course = replace(motion.course, legs=(*legs[:-1], last))
         q, way = course.joint_positions, course.way
         assert way is not None
-        path = joined([path_back(self._station.arm, course, 0.0, TIME_STEP), way.reversed()])
+        path = joined([path_back(self._station.arm, course, 0.0, TIME_STEP), way.motion.reversed()])
         return self._on(path, q, q, TIME_STEP)
 
     def _resting(self, duration: float) -> JointTrajectory:

@@ -98,6 +98,27 @@ class Slide:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ArmWay:
+    """Motion of an arm to an approach, with the hand that it carries."""
+
+    motion: JointTrajectory  # of the arm, with N times
+    q_hand: FloatArray  # (N, K): joint positions of the hand at these times
+
+    @classmethod
+    def changing(
+        cls,
+        motion: JointTrajectory,
+        q_before: FloatArray,
+        q_hand: FloatArray,
+        between: tuple[float, float],
+    ) -> ArmWay:
+        """Return the way on which the hand gets from (K,) to (K,) between two times [s]."""
+        begin, end = between
+        part = np.clip((motion.times - begin) / max(end - begin, 1e-9), 0.0, 1.0)[:, None]
+        return cls(motion, q_before + part * (q_hand - q_before))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Course:
     """Motion of a hand on a probe up to the first contact, by geometry alone."""
 
@@ -106,7 +127,7 @@ class Course:
     legs: tuple[Leg, ...]  # the approach, and the probe's motion if the hand arrived at its start
     touched: NearestLink | None  # the touching link and its contact
     at_table: bool = False  # whether the table ended the motion before the probe's target
-    way: JointTrajectory | None = None  # path of an arm to the approach
+    way: ArmWay | None = None  # of an arm to the approach
     slide: Slide | None = None  # after the first contact
 
     @property
@@ -127,7 +148,7 @@ class Course:
         """Time of each kind of motion [s]: free or guarded, as something may be touched on it."""
         parts = np.array([leg.durations for leg in self.legs])  # (L, 2)
         return {
-            "transit": 0.0 if self.way is None else self.way.duration,
+            "transit": 0.0 if self.way is None else self.way.motion.duration,
             "free": float(parts[:, 0].sum()),
             "guarded": float(parts[:, 1].sum()),
             "slide": 0.0 if self.slide is None else self.slide.duration,
@@ -170,7 +191,7 @@ def path_out(arm: Arm, course: Course, before: float, step: float) -> JointTraje
     *approach, last = _shortened(course, before)
     parts = [_path(arm, leg, step) for leg in approach]
     parts.append(_path(arm, last, step, keeps_speed=course.touched is not None))
-    return joined([course.way, *parts])
+    return joined([course.way.motion, *parts])
 
 
 def path_back(arm: Arm, course: Course, before: float, step: float) -> JointTrajectory:

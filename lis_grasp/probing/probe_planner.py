@@ -25,7 +25,7 @@ from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.geometry import apply_pose
 from lis_grasp.probing.approach_planner import Approach, ApproachPlanner, points_on_links
 from lis_grasp.probing.bodies_beside import BodiesBeside
-from lis_grasp.probing.course import Leg
+from lis_grasp.probing.course import ArmWay, Leg
 from lis_grasp.probing.keep_out import KeepOut, keep_out_of
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
@@ -132,8 +132,8 @@ class ProbePlanner:
 
     def transit(
         self, approach: Approach, space: Workspace, start: ArmPlace | None = None
-    ) -> JointTrajectory | str | None:
-        """Return an arm's path to an approach, or why there is none; None without arm.
+    ) -> ArmWay | str | None:
+        """Return an arm's way to an approach, or why there is none; None without arm.
 
         It is from home, or from another `start`.
         """
@@ -226,20 +226,25 @@ class ArmTransits:
 
     def between(
         self, start: ArmPlace | None, goal: FloatArray, q_hand: FloatArray, space: Workspace
-    ) -> JointTrajectory | None:
-        """Return the motion to a posture (J,) of the arm with the hand at (K,); None if none.
+    ) -> ArmWay | None:
+        """Return the way to a posture (J,) of the arm with the hand at (K,); None if none.
 
         It begins at home, or at another start.
         """
         if start is not None:
             direct = self._plan(start.q_arm, goal, q_hand, space, start.q_hand)
             if direct is not None:
-                return direct
+                return ArmWay.changing(direct, start.q_hand, q_hand, (0.0, direct.duration))
         onward = self._plan(self._home, goal, q_hand, space)
-        if start is None or onward is None:
-            return onward
+        if onward is None:
+            return None
+        if start is None:
+            return ArmWay.changing(onward, q_hand, q_hand, (0.0, 0.0))
         home = self.way_home(start, space)
-        return None if home is None else joined([home, onward])
+        if home is None:
+            return None
+        at_home = home.duration - 0.5 * _CHANGE, home.duration + 0.5 * _CHANGE
+        return ArmWay.changing(joined([home, onward]), start.q_hand, q_hand, at_home)
 
     def way_home(self, start: ArmPlace, space: Workspace) -> JointTrajectory | None:
         """Return the motion home; None if there is no path."""
@@ -262,19 +267,21 @@ class ArmTransits:
             rng = np.random.default_rng(0)  # equal calls, equal transits
             corners = planner.plan(start, goal, q_hand, rng=rng)
             if corners is not None:
-                is_free = partial(planner.is_free, q_hand=q_hand)
+                keeps_off = planner.keeps_off(corners[[0, -1]], q_hand)
+                kept = planner.keeps_off if keeps_off else planner.is_free
+                is_free = partial(kept, q_hand=q_hand)
                 motion = time_path(self._station.arm, corners, is_free=is_free)
                 if q_before is None:
                     return motion
                 # A way between two places low above the table would stay low: it goes home first.
-                if not planner.keeps_off(corners[[0, -1]], q_hand):
+                if not keeps_off:
                     return None
                 if np.array_equal(q_before, q_hand):
                     return motion
                 parts = np.linspace(0.0, 1.0, _BETWEEN, endpoint=False)[:, None]
                 between = q_before + parts * (q_hand - q_before)
                 if motion.duration >= _CHANGE and all(
-                    planner.is_free(motion.positions, q) for q in between
+                    planner.keeps_off(motion.positions, q) for q in between
                 ):
                     return motion
                 return None

@@ -230,13 +230,13 @@ class DynamicProber:
     def _go(self, course: Course, path: PathOf) -> None:
         """Simulate the arm's way of a course in free space; without an arm, there is none."""
         if self._ways is not None and self._station is not None and course.way is not None:
-            posture = course.joint_positions
             way = path(self._station.arm, course, _BEFORE, TIME_STEP)
+            q_hand = course.joint_positions if path is path_back else course.way.q_hand
             touch: float | None = None
             if course.touched is not None:
                 touch = way.duration if path is path_out else 0.0
             X_WO = self._X_WE @ self._X_EO
-            self._ways.run(way, posture, X_WO, touch=touch, beside=self._free_poses)
+            self._ways.run(way, q_hand, X_WO, touch=touch, beside=self._free_poses)
 
     def _end_of(self, course: Course, missed: ProbeOutcome) -> ProbeOutcome:
         """Return the outcome of a course with a contact at its end."""

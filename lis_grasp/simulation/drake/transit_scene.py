@@ -74,7 +74,9 @@ class TransitScene:
         touch: float | None = None,
         beside: Mapping[str, FloatArray] = MappingProxyType({}),
     ) -> None:
-        """Simulate a motion of the arm, with the hand's joints (K,) fixed and the object at X_WO.
+        """Simulate a motion of the arm, with the object fixed at X_WO.
+
+        The hand's joints are held at `q_hand`, (K,) or (N, K) at the first N times, then the last.
 
         `touch` is the time of the touch that begins or ends it [s], beside which a fingertip may
         graze the object; None for none. `beside` are the poses of free bodies beside the object, by
@@ -83,9 +85,12 @@ class TransitScene:
         Raises `ArmStoppedError` if the arm touches something, or a joint stays at its largest
         effort, and `SimulationError` if Drake's solver fails.
         """
-        self._place(way, q_hand, X_WO, beside)
+        postures = np.atleast_2d(q_hand)
+        self._place(way, postures[0], X_WO, beside)
         for n in range(1, len(way.times)):
             self._command(way, n)
+            if n < len(postures) and not np.array_equal(postures[n], postures[n - 1]):
+                self._hold(postures[n])
             self._watch.free = touch is None or abs(n * TIME_STEP - touch) > _GRAZING
             self._scene.step(of="an arm's way")
             self._watch.check()
@@ -103,24 +108,28 @@ class TransitScene:
         beside: Mapping[str, FloatArray],
     ) -> None:
         """Set everything to the start of a motion, the joints of hand and object locked."""
-        scene, context, links = self._scene, self._scene.context, self._hand.links
-        followers = (joint for joint, _ in links.followers)
-        held = [*links.joints, *followers]
-        for joint in held:
-            joint.Unlock(context)
+        scene, context = self._scene, self._scene.context
+        self._hold(q_hand)
         scene.unlock_object()
-        self._hand.set_joint_positions(context, q_hand)
         scene.place_object(X_WO)
         scene.place_surroundings(beside)
         scene.stop()
         self._arm.place(context, way.positions[0], way.velocities[0])
-        for joint in held:
-            joint.Lock(context)
         scene.lock_object()
-        self._fingers.FixValue(context, np.concatenate([q_hand, np.zeros_like(q_hand)]))
         self._finger_efforts.FixValue(context, np.zeros(len(q_hand)))
         self._command(way, 0)
         scene.restart()
+
+    def _hold(self, q_hand: FloatArray) -> None:
+        """Lock the hand's joints at positions (K,)."""
+        context, links = self._scene.context, self._hand.links
+        held = [*links.joints, *(joint for joint, _ in links.followers)]
+        for joint in held:
+            joint.Unlock(context)
+        self._hand.set_joint_positions(context, q_hand)
+        for joint in held:
+            joint.Lock(context)
+        self._fingers.FixValue(context, np.concatenate([q_hand, np.zeros_like(q_hand)]))
 
     def _command(self, way: JointTrajectory, n: int) -> None:
         q, qd, qdd = way.positions[n], way.velocities[n], way.accelerations[n]
