@@ -175,7 +175,11 @@ def test_a_keyword_of_the_command_line_or_another_library_gets_ours(call: Any, w
 )
 def test_every_flag_is_a_keyword_or_gets_the_word_for_it(verb: str, call: Any) -> None:
     named = inspect.signature(call).parameters
-    for keyword in {flag[2:].replace("-", "_") for flag in FLAGS[verb]} - {"help", *named}:
+    for keyword in {flag[2:].replace("-", "_") for flag in FLAGS[verb]} - {
+        "help",
+        "object",
+        *named,
+    }:
         with pytest.raises(TypeError) as error:
             call(**{keyword: None, "zzzz": None})  # the unknown option that is first in order
         if "'zzzz'" not in str(error.value):

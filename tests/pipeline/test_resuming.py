@@ -108,13 +108,14 @@ def test_a_finished_exploration_of_an_edited_policy_starts_from_the_beginning(
     (used,) = explored(results, policy="mypol:RoundRobin")
     assert used.startswith("using the")
     policy.write_text(POLICY + "# edited\n", encoding="utf-8")
-    (line,) = explored(results, policy="mypol:RoundRobin")
+    line, moved = explored(results, policy="mypol:RoundRobin")
+    assert moved.startswith("moved contacts.ply")
     assert line == "starting from the beginning: mypol.py was edited"
 
 
 def test_another_value_is_named_with_the_earlier_one(tmp_path: Path) -> None:
     explored(tmp_path)
-    (line,) = explored(tmp_path, touches=2)
+    line, _ = explored(tmp_path, touches=2)
     assert line == "starting from the beginning: touches is 2, and was 3"
 
 
@@ -134,7 +135,7 @@ def test_more_touches_go_on_as_if_they_had_been_asked_for_at_once(
 def test_a_fresh_exploration_is_asked_for(tmp_path: Path) -> None:
     explored(tmp_path)
     made = (tmp_path / "touches.jsonl").stat().st_mtime_ns
-    (line,) = explored(tmp_path, fresh=True)
+    line, _ = explored(tmp_path, fresh=True)
     assert line == "starting from the beginning, as asked"
     assert (tmp_path / "touches.jsonl").stat().st_mtime_ns > made
     assert explored(tmp_path / "new", fresh=True) == []
