@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from filecmp import cmp
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.exploration import LoggedProbe
@@ -30,6 +30,9 @@ SCENE = "scene.yaml"
 EARLIER = "earlier"
 """The folder of results that other ones replaced, in folders 1, 2 and so on."""
 
+Earlier = Literal["resume", "fresh", "remake"]
+"""What an exploration does with results of its folder."""
+
 PAGE, PICTURE = "scene.html", "scene.png"
 """The page of a run, and a small picture of it."""
 
@@ -49,6 +52,7 @@ _STAGES = (
         "labels.jsonl",
         "grasps.parquet",
         "report.json",
+        SCENE,
         PAGE,
         PICTURE,
     ),

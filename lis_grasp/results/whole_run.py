@@ -14,7 +14,7 @@ from lis_grasp.exceptions import LisGraspError
 from lis_grasp.io.atomic_writing import sole_writer, write_json
 from lis_grasp.results.exploring import explore_into
 from lis_grasp.results.first_contacts import touched_contacts
-from lis_grasp.results.folder import SCENE, made_from, remove, results_folder, set_aside
+from lis_grasp.results.folder import SCENE, Earlier, made_from, remove, results_folder, set_aside
 from lis_grasp.results.page import write_scene_of
 from lis_grasp.results.preparing import prepared, require_runnable
 from lis_grasp.results.progress import SILENT, Progress, Stopwatch
@@ -69,19 +69,20 @@ def run_task(
     # Threads change the order of sums, and thus the last digits of results.
     with sole_writer(folder), threadpool_limits(1):
         again = _made(folder / SCENE, task)
+        earlier: Earlier = "fresh" if fresh else "remake" if again else "resume"
         if scenario.agent.views is not None:
             with watch.measure("see"):  # what is known before the first touch
                 scenario.agent.perception.prior.given(Contacts.empty())
         with watch.measure("touch"):
             after, exploration = explore_into(
-                folder, scenario, progress=progress, fresh=fresh, arm_use=arm_use, again=again
+                folder, scenario, progress=progress, earlier=earlier, arm_use=arm_use
             )
             contacts = touched_contacts(folder, exploration, scenario)
         later = made_from(folder / "contacts.ply")
         if again:
             remove(later)
         else:
-            set_aside([*later, folder / SCENE], progress, "made with other options")
+            set_aside(later, progress, "made with other options")
         write_scene(task, folder / SCENE)
         stages = StoredStages(folder, watch, progress)
         attempts = tuple(grasp_with_tactile_check(after, contacts, stages))

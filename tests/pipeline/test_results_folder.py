@@ -104,6 +104,26 @@ def test_a_new_exploration_loses_nothing_of_the_earlier_one(
     assert {path.name for path in (folder / EARLIER).iterdir()} == {"1", "2"}
 
 
+def test_a_run_remakes_its_own_files_and_sets_those_of_other_options_aside(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "results"
+    run = ["run", "box", "--known", "--prober", "kinematic", "--hand", "wsg50", "--estimator"]
+    run += ["gpis", "--touches", "6", "--grasps", "1", "--output", str(folder)]
+    assert main(run) in (0, 1)
+    made = {path.name for path in folder.iterdir()}
+    before = {path.name: path.read_bytes() for path in folder.glob("*.*") if path.is_file()}
+    assert main(run) in (0, 1)  # as an interrupted run does, too
+    assert {path.name for path in folder.iterdir()} == made
+    assert main([*run, "--attempts", "1"]) in (0, 1)
+    aside, said = folder / EARLIER / "1", capsys.readouterr().out
+    assert f"to {aside}: made with other options" in said
+    assert {path.name for path in folder.iterdir()} == {*made, EARLIER}
+    assert {"report.json", "scene.yaml", "surface.ply"} <= {path.name for path in aside.iterdir()}
+    for name in ("surface.ply", "grasps.json", "scene.yaml"):
+        assert (aside / name).read_bytes() == before[name]
+
+
 def test_files_next_to_a_foreign_surface_are_kept(tmp_path: Path) -> None:
     own = tmp_path / "surface.ply"
     own.write_text("ply\nformat ascii 1.0\ncomment mine\nend_header\n")

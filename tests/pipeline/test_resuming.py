@@ -13,6 +13,7 @@ from lis_grasp.exploration import load_outcomes
 from lis_grasp.io import provenance
 from lis_grasp.pipeline import RunConfig, Scenario
 from lis_grasp.results.exploring import explore_into
+from lis_grasp.results.folder import Earlier
 
 MODULE = "lis_grasp.stages.touch"
 POLICY = """
@@ -35,7 +36,8 @@ def explored(folder: Path, *, fresh: bool = False, **options: object) -> list[st
     """Explore in a folder; return what was said."""
     config = RunConfig(**{"prober": "kinematic", "hand": "wsg50", "touches": 3, **options})
     progress = Told()
-    explore_into(folder, Scenario.from_config(config), progress=progress, fresh=fresh)
+    earlier: Earlier = "fresh" if fresh else "resume"
+    explore_into(folder, Scenario.from_config(config), progress=progress, earlier=earlier)
     return progress.lines
 
 
