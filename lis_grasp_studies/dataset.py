@@ -21,6 +21,7 @@ from lis_grasp.records import fields_of
 from lis_grasp.results.folder import EARLIER, LOG, read_touches
 
 _REPORT = "report.json"
+_NAMES = ("object", "hand", "arm", "estimator", "simulator", "seed")
 _ROWS = 16  # of a group of rows, which a reader loads at once
 
 
@@ -119,11 +120,8 @@ def run_row(folder: Path) -> Row:
         "truth": _mesh(truth),
         "grasps": [_grasp(grasp) for grasp in run.grasps or ()],
         "lift": {**run.lift, "grasp": _lifted(run)} if run.lift else None,
-        "report": json.dumps(json.loads((folder / _REPORT).read_text(encoding="utf-8"))),
+        "report": json.dumps(run.report),
     }
-
-
-_NAMES = ("object", "hand", "arm", "estimator", "simulator", "seed")
 
 
 def _lifted(run: Run) -> int | None:
