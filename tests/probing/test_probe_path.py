@@ -14,7 +14,7 @@ from lis_grasp.exploration.probe_motions import (
     ARM_APPROACH_SPEED,
     ARM_PROBE_SPEED,
     GENTLE_SPEED,
-    SEARCH_SPEED,
+    PROBE_SPEED,
 )
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.probing.course import Course, path_back, path_out
@@ -85,7 +85,7 @@ def test_the_palm_is_fast_where_it_is_free_and_slows_down_before_the_rest(
 
 @pytest.mark.parametrize(
     ("station", "slow", "fast"),
-    [(None, GENTLE_SPEED, SEARCH_SPEED), (STATION, ARM_PROBE_SPEED, ARM_PROBE_SPEED)],
+    [(None, GENTLE_SPEED, PROBE_SPEED), (STATION, ARM_PROBE_SPEED, ARM_PROBE_SPEED)],
 )
 def test_a_search_is_as_fast_as_its_way_down_is_slow(
     station: Station | None, slow: float, fast: float
@@ -96,6 +96,14 @@ def test_a_search_is_as_fast_as_its_way_down_is_slow(
     for leg in course.legs:
         down = abs(leg.direction[2])
         assert leg.speed == pytest.approx(fast if down == 0.0 else min(fast, slow / down))
+
+
+def test_a_hand_is_gentle_from_the_first_contact_on() -> None:
+    motion = GuardedMotion(STATION.hand, BOX, probe_speed=GENTLE_SPEED)
+    known = replace(SPACE, contacts=Contacts([[0.0, 0.0, 0.05]], [[0.0, 0.0, 1.0]]))
+    course = motion.run(Probe([-0.03, 0.0, 0.02], [1.0, 0.0, 0.0], 0.05, 0.02), known)
+    assert isinstance(course, Course)
+    assert {leg.speed for leg in course.legs} == {GENTLE_SPEED}
 
 
 def test_a_stretched_arm_is_slower(course: Course) -> None:
