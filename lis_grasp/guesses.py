@@ -14,7 +14,7 @@ from inspect import Parameter, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
-from lis_grasp.exceptions import nearest_of, nearest_or_all
+from lis_grasp.exceptions import all_of, nearest_of, nearest_or_all
 
 KEYWORDS = {
     "output": "folder",
@@ -96,7 +96,7 @@ def _answered(owner: type, name: str, error: AttributeError, asked: object) -> A
     if name.startswith("_") or f"'{name}'" not in str(error):
         return error
     names = [member for member in dir(owner) if not member.startswith("_")]
-    end = advice([base.__name__ for base in owner.__mro__], name, names)
+    end = advice([base.__name__ for base in owner.__mro__], name, names) or all_of(names)
     return AttributeError(f"{error}{end}", name=name, obj=asked)
 
 

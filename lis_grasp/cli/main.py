@@ -24,6 +24,7 @@ from lis_grasp.exceptions import (
     InvalidOptionError,
     LisGraspError,
     LisGraspWarning,
+    nearest_of,
     shown,
 )
 from lis_grasp.guesses import advice, advice_on_option
@@ -74,17 +75,20 @@ class _Parser(argparse.ArgumentParser):
         known, unknown = super().parse_known_args(args, namespace)
         if unknown:
             options = re.findall(r"--[\w-]+", self.format_usage())
-            suggestion = self._positional(unknown[0]) or advice_on_option(
-                unknown[0].partition("=")[0], options
-            )
+            flag = next((word for word in unknown if word.startswith("-")), unknown[0])
+            suggestion = self._positional(flag) or advice_on_option(flag.partition("=")[0], options)
             self.error(f"unrecognized arguments: {' '.join(unknown)}{suggestion}")
         return known, unknown
 
     def _positional(self, flag: str) -> str:
         """Return the end of a message on a flag that is the name of an argument without one."""
         own = [str(a.metavar) for a in self._actions if not a.option_strings and a.metavar]
-        name = flag.partition("=")[0].lstrip("-").upper()
-        return f": {name} is given without a flag" if flag[:2] == "--" and name in own else ""
+        name = flag.partition("=")[0].lstrip("-").lower()
+        if flag[:2] != "--" or "-" in name or not own:
+            return ""
+        asked = own[0] if name == "input" else name
+        found = [word for word in own if nearest_of(asked, [word])]
+        return f": {found[0]} is given without a flag" if found else ""
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Refuse what is not one of an argument's choices."""
