@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from importlib.machinery import ModuleSpec
+from importlib.util import find_spec
 from pkgutil import resolve_name
 from types import MappingProxyType, ModuleType
 from typing import Any
@@ -125,6 +126,8 @@ def module_names(
             if name in (home, *homes[home].split()):
                 loaded = import_module(f"lis_grasp.{home}")
                 return loaded if name == home else getattr(loaded, name)
+        if not name.startswith("_") and new_place(full) is None and find_spec(full):
+            return import_module(full)  # a folder that no one has imported yet
         raise AttributeError(
             new_place(full) or _unknown(module, name, names), name=name, obj=sys.modules[module]
         )
@@ -133,11 +136,17 @@ def module_names(
 
 
 def _unknown(module: str, name: str, names: Sequence[str]) -> str:
-    """Return the sentence of a name that a module has not, with a similar one."""
-    from lis_grasp.exceptions import nearest_of  # its own imports take a third of the package's
+    """Return the sentence of a name that a module has not, with what it has in its place."""
+    # Their own imports take a third of the package's.
+    from lis_grasp.exceptions import all_of
+    from lis_grasp.guesses import advice
 
     # Programs ask for special names, such as __wrapped__.
-    nearest = "" if name.startswith("_") else nearest_of(name, names)
+    nearest = (
+        ""
+        if name.startswith("_")
+        else advice((module,), name, names) or all_of(n for n in names if n[0] != "_")
+    )
     return f"module '{module}' has no attribute '{name}'{nearest}"
 
 

@@ -92,7 +92,12 @@ def _words(name: str) -> list[str]:
 def nearest_or_all(value: object, choices: Iterable[str]) -> str:
     """Return the end of a message as in `nearest_of`, or else with all choices."""
     names = sorted(set(choices))
-    return nearest_of(value, names) or f": it has {', '.join(names)}"
+    return nearest_of(value, names) or all_of(names)
+
+
+def all_of(choices: Iterable[str]) -> str:
+    """Return the end of a message that names all choices."""
+    return f": it has {', '.join(choices)}"
 
 
 class LisGraspWarning(UserWarning):

@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from lis_grasp.guesses import Answering
+
 # Entries of an array that are shown; of longer ones the shape is.
 _SHOWN = 4
 
@@ -18,7 +20,7 @@ _Key = TypeVar("_Key")
 _Value = TypeVar("_Value")
 
 
-class Record:
+class Record(Answering):
     """Base of frozen records that travel: a copy of one, deep or shallow, is the record itself."""
 
     __slots__ = ()
@@ -57,7 +59,7 @@ def _are_equal(first: Any, second: Any) -> bool:
     return type(first) is type(second) and bool(first == second)
 
 
-class FrozenArrays:
+class FrozenArrays(Answering):
     """Base of frozen dataclasses whose arrays are read-only, those in mappings too."""
 
     __slots__ = ()

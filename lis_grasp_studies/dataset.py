@@ -18,9 +18,10 @@ from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline import Run
 from lis_grasp.records import fields_of
-from lis_grasp.results.folder import LOG, read_touches
+from lis_grasp.results.folder import EARLIER, LOG, read_touches
 
 _REPORT = "report.json"
+_NAMES = ("object", "hand", "arm", "estimator", "simulator", "seed")
 _ROWS = 16  # of a group of rows, which a reader loads at once
 
 
@@ -29,7 +30,7 @@ def run_folders(folder: Path) -> list[Path]:
 
     Raises `InvalidFileError` if there are none.
     """
-    found = sorted(path.parent for path in folder.rglob(_REPORT))
+    found = sorted(p.parent for p in folder.rglob(_REPORT) if EARLIER not in p.parts)
     if not found:
         raise InvalidFileError(
             f"{folder} and the folders below it have no run ({_REPORT}): name a folder in which"
@@ -119,11 +120,8 @@ def run_row(folder: Path) -> Row:
         "truth": _mesh(truth),
         "grasps": [_grasp(grasp) for grasp in run.grasps or ()],
         "lift": {**run.lift, "grasp": _lifted(run)} if run.lift else None,
-        "report": json.dumps(json.loads((folder / _REPORT).read_text(encoding="utf-8"))),
+        "report": json.dumps(run.report),
     }
-
-
-_NAMES = ("object", "hand", "arm", "estimator", "simulator", "seed")
 
 
 def _lifted(run: Run) -> int | None:

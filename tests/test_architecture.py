@@ -28,7 +28,7 @@ STUDIES = Path(lis_grasp_studies.__file__).resolve().parent
 
 # The flow: a module imports from its own folder and from those above it in this list, never below.
 LAYERS = [
-    ["_moved", "version", "exceptions", "typing", "records", "geometry", "underflow"],
+    ["_moved", "version", "exceptions", "guesses", "typing", "records", "geometry", "underflow"],
     ["io"],
     ["contacts", "motion", "plugins", "worker_pool"],
     ["shapes"],

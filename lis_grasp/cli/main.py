@@ -8,7 +8,7 @@ import re
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from importlib import import_module
@@ -27,6 +27,7 @@ from lis_grasp.exceptions import (
     nearest_of,
     shown,
 )
+from lis_grasp.guesses import advice, advice_on_option
 from lis_grasp.version import __version__
 
 if TYPE_CHECKING:
@@ -74,9 +75,34 @@ class _Parser(argparse.ArgumentParser):
         known, unknown = super().parse_known_args(args, namespace)
         if unknown:
             options = re.findall(r"--[\w-]+", self.format_usage())
-            suggestion = nearest_of(unknown[0].partition("=")[0], options)
+            flag = next((word for word in unknown if word.startswith("-")), unknown[0])
+            suggestion = self._positional(flag) or advice_on_option(flag.partition("=")[0], options)
             self.error(f"unrecognized arguments: {' '.join(unknown)}{suggestion}")
         return known, unknown
+
+    def _positional(self, flag: str) -> str:
+        """Return the end of a message on a flag that is the name of an argument without one."""
+        own = [str(a.metavar) for a in self._actions if not a.option_strings and a.metavar]
+        name = flag.partition("=")[0].lstrip("-").lower()
+        if flag[:2] != "--" or "-" in name or not own:
+            return ""
+        asked = own[0] if name == "input" else name
+        found = [word for word in own if nearest_of(asked, [word])]
+        return f": {found[0]} is given without a flag" if found else ""
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse what is not one of an argument's choices."""
+        if action.choices is not None and value not in action.choices:
+            name = action.option_strings[0] if action.option_strings else str(action.metavar)
+            raise argparse.ArgumentError(None, str(_not_one_of(name, value, action.choices)))
+
+
+def _not_one_of(name: str, value: str, choices: Iterable[str]) -> InvalidOptionError:
+    """Return the error of a value that is not one of some choices, with what to use instead."""
+    answer = advice((f"{name.lower()}s",), value, ())
+    if answer:
+        return InvalidOptionError(f"there is no {name} '{value}'{answer}", option=name, value=value)
+    return InvalidOptionError.not_one_of(name, value, choices)
 
 
 def _converter(kind: type, required: str) -> Callable[[str], Any]:
@@ -158,7 +184,7 @@ def _run(arguments: Sequence[str] | None) -> int:
             say(build_parser("").format_help().rstrip())
             return 2
         if verb and verb not in _CORE_VERBS and verb not in (names := _verb_registry().names):
-            raise InvalidOptionError.not_one_of("VERB", verb, names)
+            raise _not_one_of("VERB", verb, names)
         options = build_parser(verb).parse_args(arguments)
         # Threads change the order of sums, and thus the last digits of results.
         with threadpool_limits(1), _notes_only(), ExitStack() as options.until_end:

@@ -18,6 +18,7 @@ from lis_grasp.exceptions import (
     require_at_least,
     require_positive,
 )
+from lis_grasp.guesses import with_advice
 from lis_grasp.records import Record
 from lis_grasp.shapes import Shape, find, sharp_edges
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
@@ -85,6 +86,7 @@ class SurfaceError(Record):
 
 
 @underflows
+@with_advice
 def surface_error(
     estimate: trimesh.Trimesh,
     truth: Shape | trimesh.Trimesh | str | Path,

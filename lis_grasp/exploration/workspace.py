@@ -55,6 +55,9 @@ class Workspace:
         touched from below.
     tip_radius
         Radius of the fingertips that touch [m]: it limits how low a level motion can be.
+    is_sized
+        Whether the size is known. One that is assumed bounds no object: samples of an estimate then
+        stay in the box in which it is valid, as its mesh does.
 
     Raises
     ------
@@ -67,6 +70,7 @@ class Workspace:
     size: float
     support_height: float | None = None
     tip_radius: float = TIP_RADIUS
+    is_sized: bool = True
 
     def __post_init__(self) -> None:
         require_positive(step=self.step, size=self.size, tip_radius=self.tip_radius)
@@ -151,6 +155,8 @@ class Workspace:
                 np.minimum(high, near.bounds[1] + reach),
             )
         low = low - shift
+        if not self.is_sized:
+            low, high = np.maximum(low, surface.bounds[0]), np.minimum(high, surface.bounds[1])
         return sample_zero_level_set(surface, np.array([low, high]), cell)
 
 

@@ -16,6 +16,7 @@ from shapely.geometry.base import BaseGeometry
 
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.geometry import tangent_frame, unit
+from lis_grasp.guesses import with_advice
 from lis_grasp.records import Record
 from lis_grasp.shapes import resting_poses
 from lis_grasp.shapes.solids import solid_of
@@ -58,6 +59,7 @@ class Outline(Record):
     rotation: FloatArray  #: (3, 3), R_PO: its last row is the direction, towards the viewer
 
 
+@with_advice
 def outline(
     mesh: trimesh.Trimesh,
     axis: Axis | npt.ArrayLike = "z",

@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 from lis_grasp.exceptions import InvalidContactsError
 from lis_grasp.grasping._expanding_polytope import inscribed_ball_radii
 from lis_grasp.grasping.contact_wrenches import CONE_EDGES, ContactModel, WrenchModel, wrench_model
+from lis_grasp.guesses import with_advice
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray, IndexArray
 
@@ -24,6 +25,7 @@ ROBUST_FRACTION = 0.5
 _FLAT = 1e-9
 
 
+@with_advice
 def epsilon_quality(
     points: npt.ArrayLike,
     normals: npt.ArrayLike,

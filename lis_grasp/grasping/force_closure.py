@@ -11,12 +11,14 @@ from scipy.sparse import csr_array
 
 from lis_grasp.grasping.contact_wrenches import CONE_EDGES, ContactModel, WrenchModel
 from lis_grasp.grasping.epsilon import span_all_dimensions
+from lis_grasp.guesses import with_advice
 from lis_grasp.typing import FloatArray
 
 # Smaller weights count as zero.
 _NO_WEIGHT = 1e-9
 
 
+@with_advice
 def is_force_closure(
     points: npt.ArrayLike,
     normals: npt.ArrayLike,

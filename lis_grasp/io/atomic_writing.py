@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import secrets
@@ -11,6 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from lis_grasp.exceptions import InvalidFileError
+
+_OTHER_PATH = "name another file or folder"
+_ROOM = f"make room, or {_OTHER_PATH}"
+_CURED = {errno.ENOSPC: _ROOM, errno.EDQUOT: _ROOM}
+_CURED |= dict.fromkeys((errno.EEXIST, errno.ENOTDIR, errno.EACCES, errno.EROFS), _OTHER_PATH)
 
 
 @contextmanager
@@ -22,7 +28,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     temporary = path.with_name(f".partial-{secrets.token_hex(8)}{path.suffix}")
     try:
         if path.exists() and not path.is_file():
-            raise FileExistsError("it is a folder or a device")
+            raise FileExistsError(errno.EEXIST, "it is a folder or a device")
         path.parent.mkdir(parents=True, exist_ok=True)
         # Unlike tempfile's files, it has the mode that the user's umask gives to new files.
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
@@ -30,14 +36,20 @@ def whole_file(path: Path) -> Iterator[Path]:
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
         temporary.replace(path)
+    except InvalidFileError as error:  # of what wrote to the temporary path
+        raise InvalidFileError(str(error).replace(str(temporary), str(path)), path=path) from None
     except OSError as error:
-        message = f"cannot write {path}: {error.strerror or error}"
-        if isinstance(error, FileExistsError | NotADirectoryError | PermissionError):
-            message += ": name another file or folder"
-        raise InvalidFileError(message, path=path) from None
+        raise cannot_write(path, error) from None
     finally:
         with suppress(OSError):  # it does not exist
             temporary.unlink()
+
+
+def cannot_write(path: Path, error: OSError) -> InvalidFileError:
+    """Return the error of a file that cannot be written: why, and what to do."""
+    message = f"cannot write {path}: {error.strerror or error}"
+    cure = _CURED.get(error.errno or 0)
+    return InvalidFileError(message + (f": {cure}" if cure else ""), path=path)
 
 
 def write_bytes(path: Path, content: bytes) -> None:

@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.io.atomic_writing import cannot_write
 from lis_grasp.io.limits import MEBIBYTE, ReadError, reading
 
 Row = dict[str, Any]
@@ -58,7 +58,7 @@ def append_lines(path: Path, header: Row, rows: Sequence[Row]) -> None:
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
-        raise InvalidFileError(f"cannot write {path}: {error.strerror}", path=path) from None
+        raise cannot_write(path, error) from None
 
 
 def _end_of_last_line(file: BinaryIO) -> int:

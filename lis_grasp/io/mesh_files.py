@@ -105,6 +105,8 @@ def read_mesh(
         than it announces, or requires an extension that is not read.
     """
     ending = path.suffix.lower()
+    if os.path.isdir(path):
+        raise InvalidFileError.of(path, "must be a file; it is a folder: name a file in it")
     if ending not in formats:
         ways = (way for way, endings in _WAYS.items() if ending in endings.split())
         raise InvalidFileError(

@@ -179,6 +179,7 @@ PROBABILITY = within("above 0 and below 1", lambda value: 0 < value < 1)
 NOT_LARGE = within("at least 0 and at most 1 m", lambda value: 0 <= value <= 1)
 FRACTION = within("above 0 and at most 1", lambda value: 0 < value <= 1)
 RATE = within("from 0 to 1", lambda value: 0 <= value <= 1)
+SPREAD = within("in radians, from 0 to 1 (57 deg)", lambda value: 0 <= value <= 1)
 
 
 def at_least(least: int) -> Check:

@@ -117,14 +117,10 @@ def load_growth(results: Path, facts: Mapping[str, Any]) -> list[tuple[int, trim
     return growth
 
 
-def remove_growth(results: Path) -> None:
-    """Remove the intermediate estimates; files of other programs stay."""
-    files = _growth_files(results).values()
-    for path in files:
-        if provenance.read(path):
-            path.unlink()
-    if files and not any((results / "growth").iterdir()):
-        (results / "growth").rmdir()
+def growth_folder(results: Path) -> Path | None:
+    """Return the folder of intermediate estimates; None if this package wrote no file in it."""
+    own = any(map(provenance.read, _growth_files(results).values()))
+    return results / "growth" if own else None
 
 
 def _growth_files(results: Path) -> dict[int, Path]:

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from trimesh.graph import connected_component_labels
 
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
+from lis_grasp.guesses import with_advice
 from lis_grasp.meshing._band import COARSE, sample_band
 from lis_grasp.meshing._dual_contouring import contour
 from lis_grasp.meshing._grid import Field, Grid
@@ -32,6 +33,7 @@ _KNOWN = 0.25
 
 
 @underflows
+@with_advice
 def extract_mesh(
     surface: ImplicitSurface,
     *,

@@ -42,6 +42,7 @@ from lis_grasp.typing import Seed
 from lis_grasp.world import Surroundings
 
 # Options of the next touch: where the object is, and how the hand senses and decides.
+_OF_RUN = ("folder", "fresh", "progress")
 _OF_PLACE = ("center", "size", "held", "region")
 _NOISE = ("position_noise", "normal_noise")
 _OF_TOUCH = ("estimator", "policy", "slide", *_NOISE, "keep_all", "world", "at")
@@ -99,6 +100,7 @@ def run(
             )
     if hand is not None:
         options["hand"] = hand
+    require_options(options, {"known", *task_options(), *_OF_RUN})
     if is_scene_file(object):
         object = load_scene(str(object))
     task = object.having(**options) if isinstance(object, Task) else Task.of(object, **options)
@@ -192,7 +194,7 @@ def next_touch(
     >>> touch.probe.target.shape, touch.approach.X_OH.shape, touch.approach.posture.finger
     ((3,), (4, 4), 'left')
     """
-    require_options(options, (*_OF_PLACE, *_OF_TOUCH, "seed"))
+    require_options(options, (*_OF_PLACE, *_OF_TOUCH, "seed", "support_height"))
     place = {name: options.pop(name) for name in _OF_PLACE if name in options}
     options["seed"] = seed_of(rng, options)
     task = Task.of(known=True, hand=hand_name(hand), **options)
@@ -246,7 +248,7 @@ def plan(
     >>> search.best.hand, search.best.pose.shape
     ('wsg50', (4, 4))
     """
-    require_options(options, (*_LOAD, "grasps", "seed"))
+    require_options(options, (*_LOAD, "grasps", "seed", "support_height"))
     require_one_load(options)
     named, options["seed"] = object_name(mesh), seed_of(rng, options)
     task = Task.of(named, known=True, hand=hand_name(hand), **options)

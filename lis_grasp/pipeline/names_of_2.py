@@ -47,7 +47,7 @@ class RunConfig(Task):
         if name in task_options():
             value = self.facts()[name]
             return tuple(value) if isinstance(value, list) else value
-        raise AttributeError(f"'RunConfig' object has no attribute '{name}'")
+        return super().__getattr__(name)  # type: ignore[misc]
 
 
 def perception(*, table: float | None = None, **settings: Any) -> Perception:

@@ -15,12 +15,14 @@ from lis_grasp.exploration import (
 from lis_grasp.exploration.strategy import end
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import sole_writer
-from lis_grasp.io.surface_files import remove_growth
+from lis_grasp.io.surface_files import growth_folder
 from lis_grasp.results.folder import (
     LOG,
-    remove_made_from,
+    Earlier,
+    made_from,
     result_file,
     results_folder,
+    set_aside,
     view_paths,
 )
 from lis_grasp.results.growing import watched_steps
@@ -46,7 +48,7 @@ def explore_into(
     scenario: Scenario,
     *,
     progress: Progress = SILENT,
-    fresh: bool = False,
+    earlier: Earlier = "resume",
     arm_use: ArmUse | None = None,
 ) -> tuple[Scenario, Exploration]:
     """Explore, and write touches.jsonl, contacts.ply and some intermediate estimates (growth/).
@@ -56,23 +58,28 @@ def explore_into(
     contacts.ply has the touches, then the points of the cloud, unless the object was lost. An
     interrupted exploration, or one of fewer touches, is resumed from its log, and the touches of a
     finished one are used again. If what the exploration depends on has changed since, it starts
-    from the beginning, and the earlier results are removed.
+    from the beginning, and the earlier results are set aside (see `set_aside`).
 
-    `progress` gets the reason for a start from the beginning, and the steps. `fresh` starts
-    from the beginning in any case. Demands of new touches on an arm are added to
-    `arm_use`.
+    `progress` gets the reason for a start from the beginning, and the steps. `earlier` is what to
+    do with results: "resume" the exploration, start "fresh" in any case, or "remake": resume, and
+    remove the later files, which the same task makes anew. Demands of new touches on an arm are
+    added to `arm_use`.
     """
     task, agent = scenario.task, scenario.agent
     cloud = agent.cloud_contacts
     thinned = prior_contacts(cloud)
     header = exploration_header(scenario)
     log = TouchLog(folder / LOG, provenance.parse(header) | exploration_content(scenario))
-    recorded, ending = recorded_probes(log, task, progress, fresh=fresh)
+    recorded, ending = recorded_probes(log, task, progress, fresh=earlier == "fresh")
     observations = [probe.observation for probe in recorded]
     if not recorded:
-        remove_growth(folder)
-        remove_made_from(folder / "contacts.ply", progress)
-        (folder / "contacts.ply").unlink(missing_ok=True)
+        touched, seen = folder / "contacts.ply", sorted(folder.glob("view*.npz"))
+        growth = filter(None, [growth_folder(folder)])
+        set_aside(
+            [*made_from(touched), touched, *growth, *seen, log.path],
+            progress,
+            "made by an earlier exploration",
+        )
     disturbances = [p.disturbance for p in recorded if p.disturbance is not None]
     disturbance = disturbances[-1] if disturbances else None
     for view, path in zip(agent.seen_by, view_paths(folder, len(agent.seen_by)), strict=True):
@@ -99,7 +106,7 @@ def explore_into(
         contacts = contacts.append(cloud)
     after = scenario.after(exploration, X_EO, disturbance)
     facts = provenance.parse(header) | after.facts() | after.warnings(contacts)
-    with result_file(folder / "contacts.ply", progress) as path:
+    with result_file(folder / "contacts.ply", progress, again=earlier == "remake") as path:
         contacts.save(path, header=provenance.describe(**facts))
     return after, exploration
 
@@ -127,4 +134,6 @@ def explore_object(
     scenario = Scenario.from_config(task)
     say_object(scenario, progress)
     with sole_writer(folder), threadpool_limits(1):
-        return explore_into(folder, scenario, progress=progress, fresh=fresh)
+        return explore_into(
+            folder, scenario, progress=progress, earlier="fresh" if fresh else "resume"
+        )

@@ -1,13 +1,13 @@
-"""Folders of results: default names, removal of outdated files, and facts in files' headers."""
+"""Folders of results: default names, facts in files' headers, and earlier results set aside."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from filecmp import cmp
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.exploration import LoggedProbe
@@ -26,6 +26,12 @@ VIEW = "view.npz"
 
 SCENE = "scene.yaml"
 """The task of a run."""
+
+EARLIER = "earlier"
+"""The folder of results that other ones replaced, in folders 1, 2 and so on."""
+
+Earlier = Literal["resume", "fresh", "remake"]
+"""What an exploration does with results of its folder."""
 
 PAGE, PICTURE = "scene.html", "scene.png"
 """The page of a run, and a small picture of it."""
@@ -46,6 +52,7 @@ _STAGES = (
         "labels.jsonl",
         "grasps.parquet",
         "report.json",
+        SCENE,
         PAGE,
         PICTURE,
     ),
@@ -127,36 +134,63 @@ def require_own(path: Path) -> None:
 
 
 @contextmanager
-def result_file(path: Path, progress: Progress = SILENT) -> Iterator[Path]:
-    """Yield a temporary path for a stage's file, as `whole_file` does; then remove later files.
+def result_file(path: Path, progress: Progress = SILENT, *, again: bool = False) -> Iterator[Path]:
+    """Yield a temporary path for a stage's file, as `whole_file` does; later files then go.
 
-    Files of later stages were made from the replaced file, and would seem to belong to the new one.
-    They are kept if the new file is equal to it. A file of another program is not replaced: see
+    Files of later stages were made from the replaced file, and would seem to belong to the new one:
+    with it they are moved (see `set_aside`), or removed if the same run makes them `again`. They
+    are kept if the new file is equal to it. A file of another program is not replaced: see
     `require_own`.
     """
     require_own(path)
     with whole_file(path) as temporary:
         yield temporary
-        if not (path.exists() and cmp(path, temporary, shallow=False)):
-            remove_made_from(path, progress)
+        if path.exists() and not cmp(path, temporary, shallow=False):
+            later, why = made_from(path), f"made from an earlier {path.name}"
+            if again:
+                remove(later)
+            elif later:
+                set_aside([path, *later], progress, why)
 
 
-def remove_made_from(path: Path, progress: Progress = SILENT, why: str = "") -> None:
-    """Remove the files that later stages made from a stage's file; report their names and why.
+def made_from(path: Path) -> list[Path]:
+    """Return the files that later stages made from a stage's file, the last stage's first.
 
-    Nothing is removed if the file is missing or was not written by this package.
+    There are none if the file is missing or was not written by this package.
     """
     if not path.exists() or not read_facts(path):
-        return
+        return []
     stages = (number for number, names in enumerate(_STAGES) if path.name in names)
     stage = next(stages, len(_STAGES))  # files of other names have no later files
     later = [path.with_name(name) for names in _STAGES[stage + 1 :] for name in names]
-    made = [file for file in later if file.exists()]
-    for file in reversed(made):
+    return [file for file in reversed(later) if file.exists()]
+
+
+def remove(files: Sequence[Path]) -> None:
+    """Remove results that the same task makes again."""
+    for file in files:
         file.unlink()
-    if made:
-        names = ", ".join(file.name for file in made)
-        progress.say(f"removed {names}: {why or f'made from an earlier {path.name}'}")
+
+
+def set_aside(files: Sequence[Path], progress: Progress, why: str) -> None:
+    """Move results of one folder that other ones replace into a new folder in `EARLIER`.
+
+    Reports their names and why. Missing files are left out.
+    """
+    present = [file for file in files if file.exists()]
+    if not present:
+        return
+    places = present[0].parent / EARLIER
+    number = 1 + max((int(p.name) for p in places.glob("*") if p.name.isdecimal()), default=0)
+    place = places / str(number)
+    try:
+        place.mkdir(parents=True)
+        for file in present:
+            file.rename(place / file.name)
+    except OSError as error:
+        raise InvalidFileError.of(place, f"cannot be written: {error.strerror}") from None
+    names = ", ".join(sorted(file.name for file in present))
+    progress.say(f"moved {names} to {place}: {why}")
 
 
 def scene_is_outdated(directory: Path, scene: Path | None = None) -> bool:

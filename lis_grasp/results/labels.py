@@ -18,6 +18,7 @@ from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import sole_writer
 from lis_grasp.io.json_lines import MADE_AGAIN, append_lines, read_lines
+from lis_grasp.results.folder import set_aside
 from lis_grasp.results.lifted_file import lifting_of
 from lis_grasp.results.progress import SILENT, Progress
 from lis_grasp.results.report import ranked_facts
@@ -28,6 +29,8 @@ from lis_grasp.version import __version__
 
 LABELS = "labels.jsonl"
 """The log of the outcomes."""
+
+_TABLE = "grasps.parquet"
 
 Job = tuple[int, Grasp]
 """The rank of a grasp, from 1, and the grasp."""
@@ -86,7 +89,7 @@ def label_file(
     with sole_writer(folder):
         recorded, rows = read_lines(log, advice=MADE_AGAIN)
         if recorded != header:
-            log.unlink(missing_ok=True)
+            set_aside([log, folder / _TABLE], progress, "of other grasps or options")
             rows = []
         labels = {row["rank"]: row for row in rows}
         waiting = [job for job in enumerate(grasps, start=1) if job[0] not in labels]
@@ -100,7 +103,7 @@ def label_file(
             held = sum(row["held"] for row in labels.values())
             stage.result = f"held {held} of {len(grasps)}"
         in_order = [labels[rank] for rank in range(1, len(grasps) + 1)]
-        table = folder / "grasps.parquet"
+        table = folder / _TABLE
         save_grasp_table(table, grasps, in_order, header=provenance.merge(work.recorded, **header))
     return LabelledFile(table, work.search, in_order)
 

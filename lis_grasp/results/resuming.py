@@ -27,7 +27,10 @@ _RUNS, _CONFIGURATION = "lis_grasp.stages.touch", "lis_grasp.task.task"
 def recorded_probes(
     log: TouchLog, task: Task, progress: Progress, *, fresh: bool
 ) -> tuple[tuple[LoggedProbe, ...], str | None]:
-    """Return the probes to reuse, and why they ended; report which, or why there are none."""
+    """Return the probes to reuse, and why they ended; report which, or why there are none.
+
+    Those of a log that is not reused stay in it.
+    """
     recording = log.read()
     if not fresh and task.robot.arm is None and _asks_for_more(recording.changes):
         log.go_on()
@@ -40,7 +43,6 @@ def recorded_probes(
     elif ending is not None and task.robot.arm is not None:
         why = ": the log lacks what touches demand of the arm"
     if why is not None:
-        log.path.unlink()
         progress.say(f"starting from the beginning{why}")
         return (), None
     if recorded and ending is not None:

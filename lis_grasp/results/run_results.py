@@ -15,6 +15,7 @@ import trimesh
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.grasping.grasps import GraspSearch
+from lis_grasp.guesses import Answering
 from lis_grasp.io.schemas import FileRecord, read_json
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import Motion
@@ -36,7 +37,7 @@ class _Report(FileRecord):
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
-class Run:
+class Run(Answering):
     """Results in a folder: everything, also the true object, is in the frame of its contacts.
 
     Missing results are None.

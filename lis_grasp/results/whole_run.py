@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import logging
+from contextlib import suppress
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
 from lis_grasp.arms.use import ArmUse
 from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import LisGraspError
 from lis_grasp.io.atomic_writing import sole_writer, write_json
 from lis_grasp.results.exploring import explore_into
 from lis_grasp.results.first_contacts import touched_contacts
-from lis_grasp.results.folder import SCENE, remove_made_from, results_folder
+from lis_grasp.results.folder import SCENE, Earlier, made_from, remove, results_folder, set_aside
 from lis_grasp.results.page import write_scene_of
 from lis_grasp.results.preparing import prepared, require_runnable
 from lis_grasp.results.progress import SILENT, Progress, Stopwatch
@@ -21,7 +23,7 @@ from lis_grasp.results.run_results import Run
 from lis_grasp.results.stage_files import OF_CONTACTS, StoredStages
 from lis_grasp.stages.regrasp import grasp_with_tactile_check
 from lis_grasp.task.recorded_facts import read_facts
-from lis_grasp.task.scene_file import write_scene
+from lis_grasp.task.scene_file import load_scene, write_scene
 from lis_grasp.task.task import Task
 
 _LOG = logging.getLogger(__name__)
@@ -66,16 +68,22 @@ def run_task(
     scenario = prepared(task, progress)
     # Threads change the order of sums, and thus the last digits of results.
     with sole_writer(folder), threadpool_limits(1):
-        write_scene(task, folder / SCENE)
+        again = _made(folder / SCENE, task)
+        earlier: Earlier = "fresh" if fresh else "remake" if again else "resume"
         if scenario.agent.views is not None:
             with watch.measure("see"):  # what is known before the first touch
                 scenario.agent.perception.prior.given(Contacts.empty())
         with watch.measure("touch"):
             after, exploration = explore_into(
-                folder, scenario, progress=progress, fresh=fresh, arm_use=arm_use
+                folder, scenario, progress=progress, earlier=earlier, arm_use=arm_use
             )
             contacts = touched_contacts(folder, exploration, scenario)
-        remove_made_from(folder / "contacts.ply", progress, "a run makes these files anew")
+        later = made_from(folder / "contacts.ply")
+        if again:
+            remove(later)
+        else:
+            set_aside(later, progress, "made with other options")
+        write_scene(task, folder / SCENE)
         stages = StoredStages(folder, watch, progress)
         attempts = tuple(grasp_with_tactile_check(after, contacts, stages))
         with progress.stage("Reporting"), watch.measure("report"):
@@ -89,3 +97,10 @@ def run_task(
         report["timings"]["total"] = round(sum(watch.seconds.values()), 3)
         write_json(folder / "report.json", report)
     return Run.load(folder)
+
+
+def _made(scene: Path, task: Task) -> bool:
+    """Return whether a run of the same task, perhaps an interrupted one, wrote a folder's scene."""
+    with suppress(LisGraspError):
+        return load_scene(scene) == task
+    return False

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from lis_grasp.exceptions import InvalidArmError, InvalidFileError, InvalidHandError, nearest_of
@@ -100,7 +101,7 @@ def hand_path(path_or_name: str | Path) -> Path:
     if name not in names:
         raise InvalidHandError(
             f"a hand must be one of {', '.join(names)}, or a hand's YAML file; '{name}' is"
-            f" neither{nearest_of(name, names)}"
+            f" {_neither(name, names)}"
         )
     registered = HAND_REGISTRY.find(name)
     with errors_of(name, registered):
@@ -126,5 +127,12 @@ def arm_path(path_or_name: str | Path) -> Path:
         return path
     raise InvalidArmError(
         f"an arm must be one of {', '.join(READY_ARMS)}, or an arm's YAML file; '{name}' is"
-        f" neither{nearest_of(name, READY_ARMS)}"
+        f" {_neither(name, READY_ARMS)}"
     )
+
+
+def _neither(name: str, names: Iterable[str]) -> str:
+    """Return the end of a message on what is neither a known name nor a file."""
+    if os.path.isdir(name):  # unlike a path, it takes names of any length
+        return "a folder: name the file in it"
+    return f"neither{nearest_of(name, names)}"

@@ -16,6 +16,7 @@ import numpy.typing as npt
 import trimesh
 
 from lis_grasp.exceptions import InvalidOptionError, shown
+from lis_grasp.guesses import with_advice
 from lis_grasp.io.units import LARGEST, SMALLEST
 from lis_grasp.shapes.shape import Shape, sharp_edges
 from lis_grasp.typing import FloatArray, IntArray
@@ -144,6 +145,7 @@ def join(patches: list[Patch]) -> trimesh.Trimesh:
     return mesh
 
 
+@with_advice
 def box(size: float = PAPER_SIZE) -> Shape:
     """Return an upright box, `size` high, 0.7 by 0.5 `size` wide; its faces look along the axes."""
     _require_size(size)
@@ -151,12 +153,14 @@ def box(size: float = PAPER_SIZE) -> Shape:
     return _shape("box", prism(outline, size, sectors=4, rows=22))
 
 
+@with_advice
 def cylinder(size: float = PAPER_SIZE) -> Shape:
     """Return an upright cylinder, `size` high and 0.6 `size` in diameter."""
     _require_size(size)
     return _shape("cylinder", prism(circle(0.3 * size, 96), size, sectors=6, rows=32))
 
 
+@with_advice
 def half_cylinder(size: float = PAPER_SIZE) -> Shape:
     """Return half of a cylinder cut along its axis: `size` high, 0.8 `size` in diameter.
 
@@ -170,6 +174,7 @@ def half_cylinder(size: float = PAPER_SIZE) -> Shape:
     return _shape("half_cylinder", prism(outline, size, sectors=6, rows=32))
 
 
+@with_advice
 def hollow_cylinder(size: float = PAPER_SIZE) -> Shape:
     """Return an upright tube open at both ends, `size` high, 0.7 `size` wide, bore 0.45 `size`."""
     _require_size(size)
@@ -181,12 +186,14 @@ def hollow_cylinder(size: float = PAPER_SIZE) -> Shape:
     return _shape("hollow_cylinder", mesh)
 
 
+@with_advice
 def sphere(size: float = PAPER_SIZE) -> Shape:
     """Return a sphere of diameter `size`."""
     _require_size(size)
     return _shape("sphere", geodesic_sphere(size / 2.0, 22))
 
 
+@with_advice
 def torus(size: float = PAPER_SIZE) -> Shape:
     """Return a horizontal torus, `size` across; its tube and its hole are `size` / 3 wide."""
     _require_size(size)
@@ -195,6 +202,7 @@ def torus(size: float = PAPER_SIZE) -> Shape:
     return _shape("torus", join([stack(rings, [1] * len(rings), closed=True)]))
 
 
+@with_advice
 def pentagon(size: float = PAPER_SIZE) -> Shape:
     """Return an upright regular pentagonal prism, `size` high, its corners on a circle.
 
@@ -207,6 +215,7 @@ def pentagon(size: float = PAPER_SIZE) -> Shape:
     return _shape("pentagon", prism(polygon(corners, 12), size, sectors=5, rows=24))
 
 
+@with_advice
 def mallet(size: float = PAPER_SIZE) -> Shape:
     """Return a mallet upright on its head: a box with a round handle upwards, `size` in all.
 
@@ -239,6 +248,7 @@ GRASPABLE_SIZES: Mapping[str, float] = MappingProxyType(
 """Largest extent at which a hand of human size grasps each shape from above [m]."""
 
 
+@with_advice
 def build(name: str, size: float | None = None) -> Shape:
     """Return a built-in shape.
 

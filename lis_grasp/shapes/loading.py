@@ -70,18 +70,14 @@ def find(
             option="size",
             value=size,
         )
-    if path.suffix.lower() not in FORMATS and not path.is_file():
-        raise InvalidFileError(
-            f"{path} is a folder; a mesh file is needed ({', '.join(FORMATS)})", path=path
-        )
     return load(path, units, up)
 
 
 def load(path: str | Path, units: str | None = None, up: str | None = None) -> Shape:
     """Return the object in a mesh file, closed and outward whatever state the file is in.
 
-    The frame O is the file's own, scaled to metres, with z upwards.
-    `Shape.repairs` lists the scale and turn that a file states, and repairs.
+    The frame O is the file's own, scaled to metres, with z upwards. `Shape.repairs` lists the scale
+    and turn that a file states, and repairs.
 
     Parameters
     ----------

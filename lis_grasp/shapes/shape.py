@@ -8,6 +8,7 @@ import numpy as np
 import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError, shown
+from lis_grasp.guesses import Answering
 from lis_grasp.io.units import require_object_size
 from lis_grasp.records import read_only
 from lis_grasp.shapes._repair import repair_mesh
@@ -39,7 +40,7 @@ def require_mesh(what: str, mesh: object) -> trimesh.Trimesh:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shape:
+class Shape(Answering):
     """A true object, in its frame O.
 
     Parameters

@@ -27,6 +27,8 @@ from lis_grasp.exceptions import (
 )
 from lis_grasp.exploration import TactileSensor
 from lis_grasp.exploration.prior import NOTHING, Prior, PriorKnowledge
+from lis_grasp.guesses import advice_on_option
+from lis_grasp.io.option import SPREAD
 from lis_grasp.io.units import LARGEST
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.records import Record
@@ -319,6 +321,8 @@ def estimate(
     make = find_estimator(estimator) if isinstance(estimator, str) else estimator
     _require_accepted(make, str(estimator), options)
     require_noise_below_size(contacts, options.get("position_noise"))
+    if isinstance(spread := options.get("normal_noise"), int | float):
+        SPREAD("normal_noise", spread)
     if not views:
         note_doubts(contacts, height)
     if normals is None and (doubt := doubt_of_side(contacts)):
@@ -348,5 +352,6 @@ def _require_accepted(make: Callable[..., Any], name: str, options: Mapping[str,
     """Raise `TypeError` for the first option that an estimator has no keyword for."""
     for option in sorted(options.keys() - accepted_options(make, options).keys()):
         accepted = {*inspect.signature(make).parameters, *inspect.signature(estimate).parameters}
-        nearest = nearest_or_all(option, accepted - {"contacts", "options"})
-        raise TypeError(f"estimate with {name} has no option '{option}'{nearest}")
+        accepted -= {"contacts", "options"}
+        end = advice_on_option(option, accepted) or nearest_or_all(option, accepted)
+        raise TypeError(f"estimate with {name} has no option '{option}'{end}")

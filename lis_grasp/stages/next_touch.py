@@ -156,7 +156,8 @@ class ObjectPlace:
             center = contacts.bounds.mean(axis=0)
         else:
             center = np.array([0.0, 0.0, 0.0 if table is None else table + 0.5 * size])
-        return Workspace(STEP_FRACTION * size, center, size, table)
+        is_sized = self.size is not None or not self.held
+        return Workspace(STEP_FRACTION * size, center, size, table, is_sized=is_sized)
 
 
 def next_touch(agent: Agent, contacts: Contacts, recorded: Sequence[Observation] = ()) -> NextTouch:

@@ -21,8 +21,7 @@ def load_world(path: str | Path, at: str | None = None) -> Surroundings:
     """Return the bodies of a file in the frame of a table, on whose plane z = 0 the object stands.
 
     The file has Drake's model directives, scenarios of a HardwareStation (``FILE#NAME`` is one of
-    several), one of their models, or a mesh [m]. A warning names
-    what is left out.
+    several), one of their models, or a mesh [m]. A warning names what is left out.
 
     `at` is the place of the table's frame in the file's world: the name of a body or frame, or
     three numbers [m]; None for its origin.

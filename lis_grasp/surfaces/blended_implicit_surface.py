@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.guesses import with_advice
 from lis_grasp.records import short_repr
 from lis_grasp.surfaces._gaussian_process_regression import squared_distances
 from lis_grasp.surfaces.contact_places import agreement, log_errors, smoothstep
@@ -65,6 +66,7 @@ class BlendedImplicitSurface(Predicting):
     __repr__ = short_repr
 
     @classmethod
+    @with_advice
     def from_contacts(
         cls,
         contacts: Contacts,

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
+from lis_grasp.guesses import with_advice
 from lis_grasp.io.contact_files import point_fields, read_point_file
 from lis_grasp.io.units import in_metres, require_plausible_size
 from lis_grasp.surfaces._contact_noise import filled
@@ -39,6 +40,7 @@ ContactSource: TypeAlias = "Path | str | npt.ArrayLike | pandas.DataFrame"
 """What `load_contacts` reads: a file, an array of numbers or with names, or a table of pandas."""
 
 
+@with_advice
 def load_contacts(
     path: ContactSource,
     *,

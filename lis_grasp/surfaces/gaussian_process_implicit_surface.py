@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.guesses import with_advice
 from lis_grasp.records import short_repr
 from lis_grasp.surfaces._gaussian_process_regression import ROWS, GradientRegression
 from lis_grasp.surfaces._kernels import (
@@ -96,6 +97,7 @@ class GaussianProcessImplicitSurface(Predicting):
     __repr__ = short_repr
 
     @classmethod
+    @with_advice
     def from_contacts(
         cls,
         contacts: Contacts | PreparedContacts,

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.guesses import with_advice
 from lis_grasp.records import short_repr
 from lis_grasp.surfaces._contact_noise import precisions_of
 from lis_grasp.surfaces._kernel_mean import NEGLIGIBLE, KernelMean, density_weights
@@ -81,6 +82,7 @@ class LocalImplicitSurface(BlockwiseSurface):
     __repr__ = short_repr
 
     @classmethod
+    @with_advice
     def from_contacts(
         cls,
         contacts: Contacts,

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError
+from lis_grasp.guesses import with_advice
 from lis_grasp.records import short_repr
 from lis_grasp.surfaces._kernel_mean import LEAST_WEIGHT, KernelMean, density_weights
 from lis_grasp.surfaces._patch import JoinedPatches, Patch, PatchContacts
@@ -76,6 +77,7 @@ class PatchImplicitSurface(BlockwiseSurface):
     __repr__ = short_repr
 
     @classmethod
+    @with_advice
     def from_contacts(
         cls,
         contacts: Contacts | PreparedContacts,

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import FARTHEST, Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
+from lis_grasp.guesses import Answering
 from lis_grasp.typing import FloatArray, IndexArray
 from lis_grasp.underflow import methods_underflow
 
@@ -31,7 +32,7 @@ _SPREAD = np.array([int(f"{number:b}", base=8) for number in range(1 << _BITS)])
 _BLOCK, _BLOCK_EXTENT = 2048, 8.0
 
 
-class Predicting:
+class Predicting(Answering):
     """Base of surfaces that are also queried in the words of scikit-learn.
 
     A subclass is an `ImplicitSurface`, whose protocol has none of this.

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.guesses import with_advice
 from lis_grasp.records import short_repr
 from lis_grasp.surfaces.contact_places import agreement, log_errors
 from lis_grasp.surfaces.contact_preparation import PreparedContacts, prepare_contacts
@@ -71,6 +72,7 @@ class SmoothImplicitSurface(Predicting):
     __repr__ = short_repr
 
     @classmethod
+    @with_advice
     def from_contacts(
         cls,
         contacts: Contacts | PreparedContacts,

@@ -15,6 +15,7 @@ from lis_grasp.exploration.tactile_sensor import REPORTS
 from lis_grasp.io.option import (
     NOT_LARGE,
     RATE,
+    SPREAD,
     at_least,
     named,
     option,
@@ -43,7 +44,7 @@ HAND_EYE = (0.002, float(np.radians(0.5)))
 def _sensor(help: str, name: str, metavar: str, words_else: str = "") -> Any:
     words = f"{REAL_SENSOR[name]:.3g}; 0 with --known or --ideal"
     declared = {"metavar": metavar, "words": words, "words_else": words_else}
-    check = NOT_LARGE if metavar == "METRES" else at_least(0)
+    check = {"METRES": NOT_LARGE, "RADIANS": SPREAD}.get(metavar, at_least(0))
     return option(REAL_SENSOR[name], help, SENSOR, check=check, **declared)
 
 

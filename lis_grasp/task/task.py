@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from operator import attrgetter
@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from lis_grasp.contacts import FARTHEST
 from lis_grasp.exceptions import InvalidOptionError, listed, nearest_or_all
+from lis_grasp.guesses import Answering, advice_on_option
 from lis_grasp.io.option import (
     Option,
     at_least,
@@ -54,7 +55,7 @@ _Task = TypeVar("_Task", bound="Task")
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class Task(Answering):
     """A world, a robot, what it knows beforehand, how it decides, and the seed of random draws.
 
     `Task.of` takes all by name, as ``lis-grasp run`` does.
@@ -190,10 +191,11 @@ PARTS: Mapping[str, Any] = MappingProxyType(
 """The records of a task by the names of its fields."""
 
 
-def require_options(given: Iterable[str], accepted: Iterable[str]) -> None:
+def require_options(given: Iterable[str], accepted: Collection[str]) -> None:
     """Raise `TypeError` for the first given option that is not accepted."""
     for name in sorted({*given} - {*accepted}):
-        raise TypeError(f"there is no option '{name}'{nearest_or_all(name, accepted)}")
+        end = advice_on_option(name, [*accepted]) or nearest_or_all(name, accepted)
+        raise TypeError(f"there is no option '{name}'{end}")
 
 
 def task_options() -> dict[str, Option]:

@@ -24,13 +24,16 @@ _HERE = "lis_grasp.visualization"
 # Scripts are in the order of their dependencies.
 _SCRIPTS = ("appearance.js", "story.js", "camera.js", "scene.js")
 
-
 _RAMP = f"linear-gradient(90deg,{','.join(VIRIDIS)})"
 _EXPLAINED = {
     "touch": "the contacts are made one by one, and the estimate grows",
     "grasp": "grasps are planned on the estimate",
     "lift": "the best one lifts the true object and shakes it",
 }
+_MARKS = (
+    "Orange: pads, with their axes. Purple: tips of the probe postures. Red, green and blue: x, y"
+    " and z of the palm frame H."
+)
 # Layers in the short legend, which replaces the panel when it is folded.
 _KEYED = (
     "truth",
@@ -171,10 +174,10 @@ def build_overlay(
         f"<summary><h1>{escape(title)}</h1></summary>",
         '<div class="content">',
         _results(headline, summary),
-        f'<p class="explained">In this order: {explained}.</p>' if explained else "",
         f'<ul class="layers">{"".join(_row(layer, scale) for layer in others)}</ul>',
-        _figure(picture),
         _listed_grasps(grasps, planned=planned, postures=postures),
+        _figure(picture),
+        f'<p class="explained">In this order: {explained}.</p>' if explained else "",
         f'<p class="fine">Grid {spacing}. Drag to turn, wheel or pinch to zoom,'
         " right button or two fingers to move.</p>",
         "</div>",
@@ -185,12 +188,6 @@ def build_overlay(
         "</noscript>",
     ]
     return "\n".join(part for part in parts if part)
-
-
-_MARKS = (
-    "Orange: pads, with their axes. Purple: tips of the probe postures. Red, green and blue: x, y"
-    " and z of the palm frame H."
-)
 
 
 def _results(headline: Sequence[tuple[str, str]], summary: Sequence[str]) -> str:

@@ -12,6 +12,7 @@ import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.guesses import Answering
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.motion import Motion
 from lis_grasp.typing import FloatArray
@@ -59,7 +60,7 @@ _SHOWN_GRASPS = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Scene:
+class Scene(Answering):
     """Content of a scene page, shown on a time line that can be played; a notebook displays it.
 
     The fragment of the page's address sets the view, such as ``#t=2.5&play=1``: the time [s],

@@ -38,8 +38,7 @@ _CORNERS = 12  # of the disc of a contact
 _FRONT = 2.5  # radii by which it is in front of the point: oblique surfaces would cut it
 LEAST_SIZE = 0.01
 """Size of a scene with a single contact [m]."""
-# Room around the object that the hand may take, and the margin, in the object's sizes.
-_ROOM, _MARGIN = 0.5, 0.05
+_MARGIN = 0.05  # about object and hand, in the object's sizes
 _MOST_MARKED = 1000  # contacts; of more, as of a cloud, every n-th is marked
 _MOST_POINTS = 2000  # of the object, and of the hand, by which occlusion is measured
 
@@ -63,14 +62,12 @@ class Still:
         return View(choose_azimuth(*few), ELEVATION)
 
     def window(self, view: View, pixels: tuple[int, int] = PIXELS) -> Window:
-        """Return the window that shows the object, and the hand as far as it is near."""
+        """Return the window that shows the object and the whole hand."""
         place, _ = view.project(self._object_points())
-        low, high = place.min(axis=0), place.max(axis=0)
-        size = max(float((high - low).max()), LEAST_SIZE)
-        around = np.vstack([place, view.project(self._hand_points())[0]])
-        room = np.inf if self._is_hand_alone else _ROOM * size
-        low = np.maximum(around.min(axis=0), low - room) - _MARGIN * size
-        high = np.minimum(around.max(axis=0), high + room) + _MARGIN * size
+        margin = _MARGIN * max(float(np.ptp(place, axis=0).max()), LEAST_SIZE)
+        links = [np.asarray(link.mesh.vertices) for link in self._links()]
+        around = np.vstack([place, *(view.project(points)[0] for points in links)])
+        low, high = around.min(axis=0) - margin, around.max(axis=0) + margin
         wide, tall = high - low
         width = max(float(wide), float(tall) * pixels[0] / pixels[1])
         return Window(view, 0.5 * (low + high), width, pixels)
@@ -122,6 +119,10 @@ class Still:
                 yield Solid(_discs(view, points[rows], _RADIUS * size), colour)
         if len(few):
             yield Solid(_ribbons(view, points[few], normals[few], size), NORMAL_COLOUR)
+        yield from self._links()
+
+    def _links(self) -> Iterator[Solid]:
+        """Yield the links of the hand at its grasp, if there are both."""
         if self.hand is not None and self.grasp is not None:
             for link, X_OL in zip(self.hand.links, link_poses(self.hand, self.grasp), strict=True):
                 for look in link_looks(self.hand, link):

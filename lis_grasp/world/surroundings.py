@@ -13,6 +13,7 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidOptionError, listed
 from lis_grasp.geometry import apply_pose, inverse_pose
+from lis_grasp.guesses import Answering
 from lis_grasp.records import FrozenArrays, reduce_record
 from lis_grasp.robots.robot_model import Inertial, LinkGeometry
 from lis_grasp.shapes.mesh_distance import MeshTree, winding_numbers
@@ -144,7 +145,7 @@ def _from_boxes(points: FloatArray, half: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
-class Surroundings:
+class Surroundings(Answering):
     """The bodies beside the object, with their poses in the frame E of the contacts.
 
     Raises `InvalidOptionError` if two bodies have the same name, or there are more than

@@ -1,6 +1,7 @@
 """Command line: exit codes, one-sentence messages, files, equal bytes."""
 
 import argparse
+import errno
 import json
 import os
 import re
@@ -16,6 +17,7 @@ import trimesh
 from random_directions import random_directions
 from threadpoolctl import threadpool_info, threadpool_limits
 
+import lis_grasp
 from lis_grasp import GraspSearch, Hand, RunConfig, shapes
 from lis_grasp.cli.main import build_parser, main
 from lis_grasp.contacts import Contacts
@@ -23,6 +25,7 @@ from lis_grasp.exceptions import (
     EstimationError,
     InvalidFileError,
     InvalidHandError,
+    InvalidOptionError,
     SimulationError,
     nearest_of,
 )
@@ -555,3 +558,43 @@ def test_units_of_a_built_in_shape_are_refused(
 ) -> None:
     assert main(["explore", "box", "--units", "mm", "--output", str(tmp_path / "new")]) == 2
     assert "--units is for mesh files; it is mm for the built-in box" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["run {}", "run box --hand {}", "run box --arm {}", "run box --world {}", "run box --cloud {}"]
+    + ["estimate {}", "grasp {}", "lift {}", "next {}"]
+    + ["doctor --hand {}", "hand view {}"],
+)
+def test_a_folder_in_place_of_a_file_is_named(
+    line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    assert main(line.format(folder).split()) == 2
+    assert re.search(r"folder'? ?(must be a file; it )?is a folder", capsys.readouterr().err)
+    assert not [*folder.iterdir()]
+
+
+def test_a_full_disk_is_named_with_the_file_that_the_user_knows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_room(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", no_room)
+    assert main(["estimate", "examples/contacts.csv", "--output", str(tmp_path)]) == 2
+    path = re.escape(str(tmp_path / "surface.ply"))
+    assert re.search(rf"cannot write {path}: .*: make room, or name", capsys.readouterr().err)
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["estimate examples/contacts.csv", "run box", "explore box", "next examples/contacts.csv"],
+)
+def test_noise_in_degrees_is_refused(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*line.split(), "--normal-noise", "3"]) == 2
+    assert "--normal-noise must be in radians" in capsys.readouterr().err
+    with pytest.raises(InvalidOptionError, match="radians"):
+        lis_grasp.estimate("examples/contacts.csv", normal_noise=3.0)

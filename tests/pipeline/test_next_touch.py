@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 import trimesh
 
+import lis_grasp
 from lis_grasp import Contacts, Hand, pipeline, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import Exploration, Region, Workspace
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.io import provenance
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.next_touch import ObjectPlace, next_touch
 
@@ -240,3 +242,19 @@ def test_the_hand_keeps_off_obstacles_on_its_approach_and_motion(
             else:
                 assert lowest >= face - 1e-4
     assert hits > 0
+
+
+@pytest.mark.parametrize("policy", ["spread", pytest.param("uncertainty", marks=pytest.mark.slow)])
+def test_a_target_on_a_held_object_is_on_the_mesh_of_its_estimate(policy: str) -> None:
+    # The lower half of the walls of a flat box was not touched: the estimate goes on downwards.
+    x, y = np.linspace(-0.06, 0.06, 4), np.linspace(-0.05, 0.05, 4)
+    walls = [([0.07 * s, b, z], [s, 0, 0]) for s in (-1, 1) for b in y for z in (0.04, 0.06)]
+    walls += [([a, 0.06 * s, z], [0, s, 0]) for s in (-1, 1) for a in x for z in (0.04, 0.06)]
+    top = [([a, b, 0.07], [0, 0, 1]) for a in x for b in y]
+    contacts = Contacts(*map(np.array, zip(*walls, *top, strict=True)))
+    target = lis_grasp.next_touch(contacts, "wsg50", held=True, policy=policy).probe.target
+    mesh = lis_grasp.extract_mesh(lis_grasp.estimate(contacts))
+    (distance,) = distances_to_mesh(target[None], mesh)[0]
+    assert distance < 0.001  # half a cell of the mesh, at most
+    beyond = lis_grasp.next_touch(contacts, "wsg50", held=True, policy=policy, size=0.3)
+    assert beyond.probe.target[2] < mesh.bounds[0, 2]  # the size says that there is more

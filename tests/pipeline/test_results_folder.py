@@ -20,7 +20,7 @@ from lis_grasp.io import provenance
 from lis_grasp.pipeline import RunConfig
 from lis_grasp.pipeline.names_of_2 import UNKNOWN
 from lis_grasp.probing.kinematic_prober import KinematicProber
-from lis_grasp.results.folder import LOG, default_output, remove_made_from, scene_is_outdated
+from lis_grasp.results.folder import EARLIER, LOG, default_output, made_from, scene_is_outdated
 from lis_grasp.task.recorded_facts import read_facts
 
 EXPLORE = ["explore", "box", "--known", "--prober", "kinematic", "--hand", "wsg50"]
@@ -66,31 +66,62 @@ def full_folder(estimated: Path, tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_a_stage_removes_the_files_made_from_the_one_it_replaces(
+def test_a_stage_moves_the_files_made_from_the_one_it_replaces(
     full_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = full_folder
+    before = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
     capsys.readouterr()
     assert main(["estimate", str(folder / "contacts.ply"), "--estimator", "lis"]) == 0
     said = capsys.readouterr().out
-    assert f"removed grasps.json, {', '.join(LATER)}: made from an earlier surface.ply" in said
-    left = {path.name for path in folder.iterdir()}
-    assert left == {".lock", "touches.jsonl", "growth", "contacts.ply", "surface.ply", "notes.txt"}
-    # Now nothing is left to remove, and no message is printed.
-    assert main(["estimate", str(folder / "contacts.ply"), "--estimator", "gpis"]) == 0
-    assert "removed" not in capsys.readouterr().out
-
-
-def test_a_new_exploration_removes_the_results_of_the_earlier_one(full_folder: Path) -> None:
-    folder = full_folder
-    assert main([*EXPLORE, "--seed", "1", "--output", str(folder)]) == 0
-    assert {path.name for path in folder.iterdir()} == {
-        ".lock",
-        "touches.jsonl",
-        "growth",
-        "contacts.ply",
-        "notes.txt",
+    moved = sorted(["grasps.json", "surface.ply", *LATER])
+    place = folder / EARLIER / "1"
+    assert f"moved {', '.join(moved)} to {place}: made from an earlier surface.ply" in said
+    assert {path.name: path.read_bytes() for path in place.iterdir()} == {
+        name: before[name] for name in moved
     }
+    left = {path.name for path in folder.iterdir()}
+    made = {".lock", "touches.jsonl", "growth", "contacts.ply", "surface.ply"}
+    assert left == {*made, "notes.txt", EARLIER}
+    # Now nothing is left to move, and no message is printed.
+    assert main(["estimate", str(folder / "contacts.ply"), "--estimator", "gpis"]) == 0
+    assert "moved" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("options", [["--seed", "1"], ["--touches", "2"], ["--fresh"]])
+def test_a_new_exploration_loses_nothing_of_the_earlier_one(
+    full_folder: Path, options: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, place = full_folder, full_folder / EARLIER / "1"
+    before = {p.name: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+    assert main([*EXPLORE, *options, "--output", str(folder)]) == 0
+    assert f"to {place}: made by an earlier exploration" in capsys.readouterr().out
+    made = {".lock", "touches.jsonl", "growth", "contacts.ply", "notes.txt", EARLIER}
+    assert {*(path.name for path in folder.iterdir()), "growth"} == made
+    after = {p.name: p.read_bytes() for p in place.rglob("*") if p.is_file()}
+    assert after == {name: before[name] for name in before.keys() - {"notes.txt", ".lock"}}
+    assert main([*EXPLORE, "--seed", "2", "--output", str(folder)]) == 0
+    assert {path.name for path in (folder / EARLIER).iterdir()} == {"1", "2"}
+
+
+def test_a_run_remakes_its_own_files_and_sets_those_of_other_options_aside(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "results"
+    run = ["run", "box", "--known", "--prober", "kinematic", "--hand", "wsg50", "--estimator"]
+    run += ["gpis", "--touches", "6", "--grasps", "1", "--output", str(folder)]
+    assert main(run) in (0, 1)
+    made = {path.name for path in folder.iterdir()}
+    before = {path.name: path.read_bytes() for path in folder.glob("*.*") if path.is_file()}
+    assert main(run) in (0, 1)  # as an interrupted run does, too
+    assert {path.name for path in folder.iterdir()} == made
+    assert main([*run, "--attempts", "1"]) in (0, 1)
+    aside, said = folder / EARLIER / "1", capsys.readouterr().out
+    assert f"to {aside}: made with other options" in said
+    assert {path.name for path in folder.iterdir()} == {*made, EARLIER}
+    assert {"report.json", "scene.yaml", "surface.ply"} <= {path.name for path in aside.iterdir()}
+    for name in ("surface.ply", "grasps.json", "scene.yaml"):
+        assert (aside / name).read_bytes() == before[name]
 
 
 def test_files_next_to_a_foreign_surface_are_kept(tmp_path: Path) -> None:
@@ -98,9 +129,7 @@ def test_files_next_to_a_foreign_surface_are_kept(tmp_path: Path) -> None:
     own.write_text("ply\nformat ascii 1.0\ncomment mine\nend_header\n")
     report = tmp_path / "report.json"
     report.write_text("{}")
-    remove_made_from(own)
-    remove_made_from(tmp_path / "contacts.ply")  # missing
-    assert report.exists()
+    assert made_from(own) == made_from(tmp_path / "contacts.ply") == []  # the second is missing
 
 
 @pytest.mark.parametrize(
@@ -384,12 +413,15 @@ def test_contacts_of_an_estimate_are_kept_beside_it(tmp_path: Path) -> None:
     Contacts(30.0 * AXES, AXES).save(own)
     assert main(estimate) == 0
     np.testing.assert_allclose(Contacts.load(folder / "contacts.ply").points, 0.03 * AXES)
-    # Later contacts replace them, and remove what was made from them.
+    # Later contacts replace them, and what was made from them is set aside.
     (folder / "scene.html").write_text("older")
     Contacts(40.0 * AXES, AXES).save(own)
     assert main(estimate) == 0
     np.testing.assert_allclose(Contacts.load(folder / "contacts.ply").points, 0.04 * AXES)
-    assert {path.name for path in folder.iterdir()} == {"contacts.ply", "surface.ply"}
+    aside = folder / EARLIER / "1"
+    np.testing.assert_allclose(Contacts.load(aside / "contacts.ply").points, 0.03 * AXES)
+    assert {path.name for path in folder.iterdir()} == {"contacts.ply", "surface.ply", EARLIER}
+    assert {p.name for p in aside.iterdir()} == {"contacts.ply", "surface.ply", "scene.html"}
 
 
 def test_contacts_in_other_units_do_not_stand_beside_their_surface(tmp_path: Path) -> None:

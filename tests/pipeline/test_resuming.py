@@ -13,6 +13,7 @@ from lis_grasp.exploration import load_outcomes
 from lis_grasp.io import provenance
 from lis_grasp.pipeline import RunConfig, Scenario
 from lis_grasp.results.exploring import explore_into
+from lis_grasp.results.folder import Earlier
 
 MODULE = "lis_grasp.stages.touch"
 POLICY = """
@@ -35,7 +36,8 @@ def explored(folder: Path, *, fresh: bool = False, **options: object) -> list[st
     """Explore in a folder; return what was said."""
     config = RunConfig(**{"prober": "kinematic", "hand": "wsg50", "touches": 3, **options})
     progress = Told()
-    explore_into(folder, Scenario.from_config(config), progress=progress, fresh=fresh)
+    earlier: Earlier = "fresh" if fresh else "resume"
+    explore_into(folder, Scenario.from_config(config), progress=progress, earlier=earlier)
     return progress.lines
 
 
@@ -108,13 +110,14 @@ def test_a_finished_exploration_of_an_edited_policy_starts_from_the_beginning(
     (used,) = explored(results, policy="mypol:RoundRobin")
     assert used.startswith("using the")
     policy.write_text(POLICY + "# edited\n", encoding="utf-8")
-    (line,) = explored(results, policy="mypol:RoundRobin")
+    line, moved = explored(results, policy="mypol:RoundRobin")
+    assert moved.startswith("moved contacts.ply")
     assert line == "starting from the beginning: mypol.py was edited"
 
 
 def test_another_value_is_named_with_the_earlier_one(tmp_path: Path) -> None:
     explored(tmp_path)
-    (line,) = explored(tmp_path, touches=2)
+    line, _ = explored(tmp_path, touches=2)
     assert line == "starting from the beginning: touches is 2, and was 3"
 
 
@@ -134,7 +137,7 @@ def test_more_touches_go_on_as_if_they_had_been_asked_for_at_once(
 def test_a_fresh_exploration_is_asked_for(tmp_path: Path) -> None:
     explored(tmp_path)
     made = (tmp_path / "touches.jsonl").stat().st_mtime_ns
-    (line,) = explored(tmp_path, fresh=True)
+    line, _ = explored(tmp_path, fresh=True)
     assert line == "starting from the beginning, as asked"
     assert (tmp_path / "touches.jsonl").stat().st_mtime_ns > made
     assert explored(tmp_path / "new", fresh=True) == []

@@ -18,12 +18,14 @@ from touch_recording import RADIUS, record, write_csv
 
 from lis_grasp import pipeline
 from lis_grasp.cli.main import main
-from lis_grasp.pipeline import RunConfig
+from lis_grasp.contacts import Contacts
+from lis_grasp.pipeline import RunConfig, Scenario
 from lis_grasp.results.page import write_scene_of
 from lis_grasp.results.seen import see
 from lis_grasp.robots.shipped_models import HAND_NAMES
 from lis_grasp.views import draw_camera_pose, simulate_view
 from lis_grasp.visualization import Scene
+from lis_grasp.visualization.view_layers import SeenSurface
 
 ROOT = Path(__file__).parents[2]
 
@@ -140,6 +142,24 @@ def test_what_a_camera_saw_is_drawn(browser: Browser, tmp_path: Path) -> None:
     browser.open((tmp_path / "seen.html").as_uri(), (640, 800))
     assert not browser.complaints
     assert (browser.picture().min(axis=2) < 0.9).mean() > 0.05  # not white
+
+
+@slow
+@needs_browser
+def test_grasps_are_above_the_fold_with_a_camera(browser: Browser, tmp_path: Path) -> None:
+    known = Scenario.from_config(RunConfig("box", hand="wsg50", prober="kinematic", camera=True))
+    given = known.agent.perception.prior.given(Contacts.empty())
+    (view,) = known.agent.seen_by
+    scene = scenes.scene(
+        seen=SeenSurface(view, given.seen, given.guesses),
+        headline=[(str(number), "of a run with a camera") for number in range(6)],
+        summary=["a line"],
+    )
+    scene.save(tmp_path / "scene.html")
+    browser.open((tmp_path / "scene.html").as_uri(), (1280, 800))
+    first = browser.box('#panel input[data-layer^="grasp-"]')
+    assert browser.box("#panel")[1] < first[1] < first[3] < browser.box("#panel")[3] < 800
+    assert browser.box("figure")[1] > first[3]
 
 
 @slow
