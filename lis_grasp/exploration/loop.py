@@ -11,7 +11,7 @@ from lis_grasp.exceptions import InvalidOptionError, note
 from lis_grasp.exploration.neighbours import PlanningProber
 from lis_grasp.exploration.observations import Observation
 from lis_grasp.exploration.perception import TactilePerception, advance, begin
-from lis_grasp.exploration.probe import HomingProber, MovingProber, Prober
+from lis_grasp.exploration.probe import MovingProber, Prober, end_at_home
 from lis_grasp.exploration.states import Exploration, ExplorationState
 from lis_grasp.exploration.strategy import ExplorationStrategy, choose, end
 from lis_grasp.surfaces.contact_checks import doubt_of_side
@@ -86,8 +86,7 @@ def explore_steps(
         draws = rng.spawn(1)[0]
         chosen = choose(strategy, state, rng=draws, reaches=reaches)
         if isinstance(chosen, str):
-            homeward = prober.go_home() if isinstance(prober, HomingProber) else 0.0
-            yield replace(end(strategy, state, chosen), homeward=homeward)
+            yield replace(end(strategy, state, chosen), homeward=end_at_home(prober))
             return
         outcome = prober.probe(chosen.probe, chosen.obstacles)
         if perception.sensor is not None:

@@ -126,8 +126,11 @@ class PoseTracker:
         least = max(_UNCERTAIN, _WORTHWHILE * belief.push_deviation)
         if deviations[best] < (max(least, 0.5 * _UNUSABLE) if spent else least):
             return None
-        again = _from_near(touches[best], 2.0 * float(deviations[best]))
-        return replace(again, overshoot=again.overshoot + 2.0 * float(deviations[best]))
+        beyond = 2.0 * float(deviations[best])
+        # Before contacts show the object, only the landmark's own way is known to be free.
+        few = len(state.known) < _FEW
+        again = touches[best].probe if few else _from_near(touches[best], beyond)
+        return replace(again, overshoot=again.overshoot + beyond)
 
     def track(
         self, outcome: ProbeOutcome, state: ExplorationState
@@ -146,6 +149,7 @@ class PoseTracker:
         target = outcome.probe.target
         same = [o for o in recent.landmarks if np.array_equal(o.probe.target, target)]
         same = [o for o in same if _turned_alike(o.hand_pose, outcome.hand_pose)]
+        same = [o for o in same if _by_one_link(o.contacts, contacts)]
         place = next((landmark.contacts.subset([0]) for landmark in same if repeated), None)
         if place is not None:  # missed, or met on another side; an edge has two sides
             alike = contacts.normals @ place.normals[0] > _SAME_SIDE
@@ -295,6 +299,14 @@ def _turned_alike(first: HandPose | None, second: HandPose | None) -> bool:
         return True
     R = relative_rotation(first.X_OH, second.X_OH)
     return bool(0.5 * (np.trace(R) - 1.0) > _SAME_SIDE)
+
+
+def _by_one_link(first: Contacts, second: Contacts) -> bool:
+    """Return whether the first contact's link made one of the second's, as far as is known.
+
+    Another link met something on the hand's way: it says nothing of the first one's place.
+    """
+    return not (first.fingers and second.fingers) or first.fingers[0] in second.fingers
 
 
 def _from_near(touch: Landmark, deviation: float = 0.0) -> Probe:

@@ -231,6 +231,11 @@ class HomingProber(Prober, Protocol):
         ...
 
 
+def end_at_home(prober: Prober) -> float:
+    """Move a robot that stays where a probe left it home, and return the time of that [s]."""
+    return prober.go_home() if isinstance(prober, HomingProber) else 0.0
+
+
 @runtime_checkable
 class SimulatedProber(Prober, Protocol):
     """A prober that knows the true pose of its object, for evaluation and for records alone."""

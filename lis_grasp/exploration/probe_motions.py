@@ -18,7 +18,11 @@ PROBE_SPEED = 0.1
 """Speed of a guarded motion, which may touch at any time [m/s]."""
 
 GENTLE_SPEED = 0.03
-"""Speed of a guarded motion if the object may move [m/s]."""
+"""The same if the object may move, from its first contact on [m/s].
+
+A push at speed v gives a free object at most this speed. It topples only if half the width of its
+foot is below v sqrt(h / g), its centre of mass at height h: 2 mm of 30 mm.
+"""
 
 SLIDE_SPEED = 0.05
 """Speed of a fingertip that slides along a surface [m/s]."""
@@ -27,18 +31,9 @@ TRANSIT_SPEED = 0.25
 """Speed of approach, retreat, and the transfer from one probe to the next [m/s]."""
 
 ARM_PROBE_SPEED, ARM_APPROACH_SPEED = 0.03, 0.05
-"""Speeds of a hand that an arm carries [m/s]: after a touch its inertia runs on.
+"""Speeds of a hand that an arm carries, guarded, and where nothing is expected [m/s].
 
-The first is of guarded motions, the second where nothing is expected: a body that nobody knows of
-is met there with 0.6 N, and with 28 N at `TRANSIT_SPEED`.
-"""
-
-SEARCH_SPEED = 0.1
-"""Speed of guarded motions of a hand without an arm until the first contact [m/s].
-
-A push at speed v gives a free object at most this speed. It topples only if half the width of its
-foot is below v sqrt(h / g), its centre of mass at height h: 6 mm of 30 mm here, and 2 mm at
-`GENTLE_SPEED`.
+Its inertia runs on after a touch, also of a body that nobody knows of.
 """
 
 SAME_DIRECTION = float(np.cos(np.radians(50.0)))

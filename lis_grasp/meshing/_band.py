@@ -22,11 +22,21 @@ COARSE = 4
 _NEARNESS = 0.5
 
 
-def sample_band(field: Field, grid: Grid, step: int = COARSE) -> FloatArray:
+def sample_band(field: Field, grid: Grid) -> FloatArray:
     """Return f at the nodes of every cell that the surface passes, shape `grid.nodes`.
 
-    NaN where it was not evaluated. Nodes outside the bounds are outside the object, +inf. Coarse
-    cells are `step` cells wide, a power of two; a sheet thinner than half of them may be missed.
+    NaN where it was not evaluated. Nodes outside the bounds are outside the object, +inf.
+    """
+    values = sample_near_surface(field, grid, COARSE)
+    _grow_along_surface(field, grid, values)
+    return values
+
+
+def sample_near_surface(field: Field, grid: Grid, step: int) -> FloatArray:
+    """Return f at the nodes near the surface, shape `grid.nodes`, NaN at others, +inf outside.
+
+    Coarse cells are `step` cells wide, a power of two. Of sheets thinner than half of one, parts
+    may be missed.
     """
     values = np.full(grid.nodes, np.nan)
     wanted = np.zeros(grid.nodes, dtype=bool)
@@ -42,7 +52,6 @@ def sample_band(field: Field, grid: Grid, step: int = COARSE) -> FloatArray:
         _evaluate(field, grid, values, _nodes_of_halved_cells(active, step, grid.nodes))
         nearness = 0.0
         step //= 2
-    _grow_along_surface(field, grid, values)
     return values
 
 

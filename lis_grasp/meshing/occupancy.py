@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from lis_grasp.meshing._band import sample_band
+from lis_grasp.meshing._band import sample_near_surface
 from lis_grasp.meshing._grid import Field, Grid
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.typing import BoolArray, FloatArray
@@ -24,6 +24,6 @@ def occupied_nodes(
     are filled. Few nodes are evaluated far from the surface.
     """
     grid = Grid.cover(bounds, cell, multiple=_COARSE)
-    values = sample_band(Field(surface), grid, _COARSE)
+    values = sample_near_surface(Field(surface), grid, _COARSE)
     # What was not evaluated is on the side of what surrounds it.
     return grid.origin, np.asarray(ndimage.binary_fill_holes(values < 0.0))

@@ -73,8 +73,8 @@ class KeepOut:
         self._levels[outermost], self._slow[outermost] = FREE, False
 
     def nearness(self, points: FloatArray) -> int:
-        """Return the worst place of points (..., 3) [m]: `FREE`, `NEAR` or `INSIDE`."""
-        return int(self._at(self._levels, points).max(initial=FREE)) if self.is_known else FREE
+        """Return the worst place of points (..., 3) [m] at a known object, such as `NEAR`."""
+        return int(self._at(self._levels, points).max(initial=FREE))
 
     def may_touch(self, points: FloatArray) -> BoolArray:
         """Return which points (..., 3) [m] on a hand may touch the object, shape (...).

@@ -19,7 +19,6 @@ from lis_grasp.exploration.probe_motions import (
     ARM_APPROACH_SPEED,
     ARM_PROBE_SPEED,
     PROBE_SPEED,
-    SEARCH_SPEED,
     TRANSIT_SPEED,
 )
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
@@ -161,7 +160,7 @@ class ProbePlanner:
         """
         begin, axis, distance = approach.X_OH_outside, approach.axis, approach.distance
         X_OH, along, length = approach.X_OH, probe.direction, probe.standoff + probe.overshoot
-        speed, searching, fast = self._probe_speed, SEARCH_SPEED, TRANSIT_SPEED
+        speed, searching, fast = self._probe_speed, PROBE_SPEED, TRANSIT_SPEED
         q_in, q_ahead = None, None
         if approach.arm is not None:
             speed, searching, fast = ARM_PROBE_SPEED, ARM_PROBE_SPEED, ARM_APPROACH_SPEED

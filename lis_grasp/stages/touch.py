@@ -187,6 +187,7 @@ def make_prober(
     """
     world, truth, agent = scenario.task.world, scenario.truth, scenario.agent
     mesh, sensor = truth.shape.mesh, agent.robot.sensor
+    outcomes = [observation.outcome for observation in recorded]
     if world.prober == "dynamic":
         from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
         from lis_grasp.simulation.drake.object_plant import FreeObject
@@ -208,7 +209,7 @@ def make_prober(
             prober.place_disturbed(disturbance)
         if recorded and recorded[-1].belief is not None:
             prober.place_frame(recorded[-1].belief.X_WE)
-        prober.resume([observation.outcome for observation in recorded])
+        prober.resume(outcomes)
         return prober
     from lis_grasp.probing.kinematic_prober import Fingers, KinematicProber
 
@@ -221,7 +222,7 @@ def make_prober(
         surroundings=truth.surroundings,
         known=agent.surroundings,
     )
-    by_geometry.resume([observation.outcome for observation in recorded])
+    by_geometry.resume(outcomes)
     return by_geometry
 
 

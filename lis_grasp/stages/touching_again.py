@@ -8,7 +8,6 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import (
-    HomingProber,
     Landmark,
     PoseTracker,
     RegionPolicy,
@@ -19,6 +18,7 @@ from lis_grasp.exploration import (
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.pose_tracking import doubted
 from lis_grasp.exploration.prior import estimated_from
+from lis_grasp.exploration.probe import end_at_home
 from lis_grasp.exploration.probe_motions import surface_probe
 from lis_grasp.exploration.strategy import PROBES_PER_TOUCH
 from lis_grasp.stages.scenario import Scenario
@@ -105,5 +105,5 @@ def touch_more(
     found = state.touched
     touched = len(found) - (0 if lost else len(contacts))
     distance = float(np.linalg.norm(X_EF[:3, 3]))
-    seconds = state.duration + (prober.go_home() if isinstance(prober, HomingProber) else 0.0)
+    seconds = state.duration + end_at_home(prober)
     return scenario, found, Lesson(0, touched, probes, distance, lost, seconds)
