@@ -118,6 +118,13 @@ def test_every_grasp_whose_carried_object_would_hit_a_board_is_rejected() -> Non
     assert heights
 
 
+def test_a_board_5_mm_above_the_object_is_named_as_what_is_in_the_way() -> None:
+    search = plan(board(0.005))
+    assert not search.grasps
+    assert search.hit_bodies.keys() == {"board"}
+    assert "board" in no_grasp_sentence(search.rejections, search.hit_bodies)
+
+
 def test_the_object_in_the_hand_is_rejected_for_a_reason_of_its_own() -> None:
     search = plan(wall(0.005), lifts=(lift_path(OPTIONS),))
     assert search.rejections["carried_hits_obstacle"] > 0
