@@ -21,7 +21,8 @@ from lis_grasp.typing import FloatArray
 # A contact this far off certain surface, in standard deviations and [m], shows a large motion,
 # with these standard deviations of x, y [m] and yaw [rad].
 _CONTRADICTION, _FAR, _LARGE_MOTION = 5.0, 0.003, (0.015, 0.015, 0.3)
-# A landmark's probe begins this far before its contact when it is repeated [m].
+# A landmark's probe begins this far before its contact when it is repeated [m]; what other links
+# meet farther off is on the way.
 _BEFORE_AGAIN = 0.03
 # From this many standard deviations on, it is suspicious: a known place is probed again.
 _SUSPICIOUS = 2.0
@@ -149,7 +150,7 @@ class PoseTracker:
         target = outcome.probe.target
         same = [o for o in recent.landmarks if np.array_equal(o.probe.target, target)]
         same = [o for o in same if _turned_alike(o.hand_pose, outcome.hand_pose)]
-        same = [o for o in same if _by_one_link(o.contacts, contacts)]
+        same = [o for o in same if not _met_on_the_way(o.contacts, contacts)]
         place = next((landmark.contacts.subset([0]) for landmark in same if repeated), None)
         if place is not None:  # missed, or met on another side; an edge has two sides
             alike = contacts.normals @ place.normals[0] > _SAME_SIDE
@@ -301,12 +302,12 @@ def _turned_alike(first: HandPose | None, second: HandPose | None) -> bool:
     return bool(0.5 * (np.trace(R) - 1.0) > _SAME_SIDE)
 
 
-def _by_one_link(first: Contacts, second: Contacts) -> bool:
-    """Return whether the first contact's link made one of the second's, as far as is known.
-
-    Another link met something on the hand's way: it says nothing of the first one's place.
-    """
-    return not (first.fingers and second.fingers) or first.fingers[0] in second.fingers
+def _met_on_the_way(place: Contacts, contacts: Contacts) -> bool:
+    """Return whether other links touched, far from a place: it shows no motion of the place."""
+    if not len(contacts) or not place.fingers or place.fingers[0] in contacts.fingers:
+        return False
+    off = np.linalg.norm(contacts.points - place.points[0], axis=1)
+    return bool(off.min() > _BEFORE_AGAIN)
 
 
 def _from_near(touch: Landmark, deviation: float = 0.0) -> Probe:
