@@ -11,6 +11,7 @@ import trimesh
 
 from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.grasping.lift_path import LIFT_STEP, LiftPath
+from lis_grasp.grasping.surface_uncertainty import PALM_ERROR
 from lis_grasp.robots.body_pairs import balls_around, fcl_shape
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import LinkGeometry
@@ -42,7 +43,8 @@ class BodyClearance:
     support_height
         Height of the object's support in O [m], which a carried object must not hit; None without.
     margin
-        Least distance from the bodies [m], such as the error of their places.
+        Least distance from the bodies [m], such as the error of their places. The hand keeps
+        `PALM_ERROR` more.
     """
 
     def __init__(
@@ -55,7 +57,8 @@ class BodyClearance:
         margin: float = 0.0,
     ) -> None:
         self._hand = hand
-        self._bodies = [_Body(body, margin) for body in surroundings]
+        self._bodies = [_Body(body) for body in surroundings]
+        self._margin = margin
         self._links = _Group(hand.link_geometries)
         self._object = _Group([LinkGeometry("object", np.eye(4), "mesh", (), mesh)])
         self._object.place(np.eye(4)[None])
@@ -70,9 +73,8 @@ class BodyClearance:
         poses = np.array([links[g.link] @ g.X_LG for g in self._hand.link_geometries])
         self._links.place(poses)
         for body in self._bodies:
-            if body.contains_any(apply_pose(path[0], poses[:, :3, 3])) or body.meets(
-                self._links, path
-            ):
+            inside = body.contains_any(apply_pose(path[0], poses[:, :3, 3]))
+            if inside or body.meets(self._links, path, self._margin + PALM_ERROR):
                 return body.name
         return None
 
@@ -84,7 +86,7 @@ class BodyClearance:
             if lowest.min() < self._floor:
                 return "table"
         for body in self._bodies:
-            if body.meets(self._object, moved):
+            if body.meets(self._object, moved, self._margin):
                 return body.name
         return None
 
@@ -158,51 +160,49 @@ class _Group:
 class _Body:
     """A body beside the object, for collision checks."""
 
-    def __init__(self, body: Body, margin: float) -> None:
+    def __init__(self, body: Body) -> None:
         self.name, self._body = body.name, body
-        self._shapes = [_Shape(g, body.X_EB @ g.X_LG, margin) for g in body.geometries]
+        self._shapes = [_Shape(g, body.X_EB @ g.X_LG) for g in body.geometries]
         self._is_mesh = any(g.kind == "mesh" for g in body.geometries)
 
     def contains_any(self, points: FloatArray) -> bool:
         """Return whether any of the points (P, 3) is inside a closed mesh, which is a shell."""
         return self._is_mesh and bool((self._body.distances(points) < 0.0).any())
 
-    def meets(self, group: _Group, path: FloatArray) -> bool:
-        """Return whether a group meets it at one of its poses (W, 4, 4)."""
-        return any(shape.meets(group, path) for shape in self._shapes)
+    def meets(self, group: _Group, path: FloatArray, margin: float) -> bool:
+        """Return whether a group is within a margin [m] of it at one of its poses (W, 4, 4)."""
+        return any(shape.meets(group, path, margin) for shape in self._shapes)
 
 
 class _Shape:
     """A shape of a body beside the object, at a pose (4, 4) in O."""
 
-    def __init__(self, geometry: LinkGeometry, X_OG: FloatArray, margin: float) -> None:
+    def __init__(self, geometry: LinkGeometry, X_OG: FloatArray) -> None:
         self._object = fcl.CollisionObject(fcl_shape(geometry), fcl.Transform())
         self._X_GO = inverse_pose(X_OG)
-        self._margin = margin
-        low, high = np.asarray(geometry.mesh.bounds)
-        self._low, self._high = low - margin, high + margin
+        self._low, self._high = np.asarray(geometry.mesh.bounds)
 
-    def meets(self, group: _Group, path: FloatArray) -> bool:
-        """Return whether a group meets it at one of its poses (W, 4, 4)."""
+    def meets(self, group: _Group, path: FloatArray, margin: float) -> bool:
+        """Return whether a group is within a margin [m] of it at one of its poses (W, 4, 4)."""
         X = self._X_GO @ path  # of the group in G
-        near = np.flatnonzero(self._apart(apply_pose(X, group.middle)) < group.radius)
+        near = np.flatnonzero(self._apart(apply_pose(X, group.middle)) < group.radius + margin)
         for w in near:
-            close = self._apart(apply_pose(X[w], group.centers)) < group.radii
+            close = self._apart(apply_pose(X[w], group.centers)) < group.radii + margin
             links = np.flatnonzero(np.logical_or.reduceat(close, group.starts))
             if len(links):
                 X_inverse = inverse_pose(X[w])
                 self._object.setTransform(fcl.Transform(X_inverse[:3, :3], X_inverse[:3, 3]))
-            if any(self._is_near(group.objects[link]) for link in links):
+            if any(self._is_near(group.objects[link], margin) for link in links):
                 return True
         return False
 
-    def _is_near(self, link: fcl.CollisionObject) -> bool:
+    def _is_near(self, link: fcl.CollisionObject, margin: float) -> bool:
         if fcl.collide(link, self._object, fcl.CollisionRequest(), fcl.CollisionResult()):
             return True
-        if self._margin == 0.0:
+        if margin == 0.0:
             return False
         distance = fcl.distance(link, self._object, fcl.DistanceRequest(), fcl.DistanceResult())
-        return bool(distance < self._margin)
+        return bool(distance < margin)
 
     def _apart(self, points: FloatArray) -> FloatArray:
         """Return the distances of points (..., 3) in G from the shape's bounding box."""

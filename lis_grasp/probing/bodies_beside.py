@@ -20,6 +20,9 @@ from lis_grasp.world import Surroundings
 POSE_SPACING = 0.01
 """Spacing of the hand's poses along a motion; links are thicker [m]."""
 
+# The same of poses where balls around the links overlap a body: a corner may pass between.
+_FINE = 0.002
+
 # A hand outside is this far above all bodies [m].
 _ABOVE = 0.02
 # Steps of a way that turns, and most places that are tried [m].
@@ -61,10 +64,10 @@ class BodiesBeside:
         """Return whether a hand hits a body at one of the poses (W, 4, 4)."""
         if self.overlaps(posture, path).any():
             return True
-        path = path[self._near(self._covers[posture.finger], path)]
-        if not len(path):
+        near = self._near(self._covers[posture.finger], path)
+        if not near.any():
             return False
-        path = self._X_WE @ path
+        path = self._X_WE @ _refined(path, near)
         return bool(self._checker.hit_obstacle(path[None], posture.joint_positions[None])[0])
 
     def are_hit(self, postures: FloatArray, path: FloatArray) -> bool:
@@ -197,6 +200,20 @@ class BodiesBeside:
         apart = self._bodies.distances(centers.reshape(-1, 3)).min(axis=1)
         near[near] = (apart.reshape(centers.shape[:-1]) < balls[:, 3]).any(axis=-1)
         return np.asarray(near.reshape(poses.shape[:-2]))
+
+
+def _refined(path: FloatArray, near: BoolArray) -> FloatArray:
+    """Return the poses of a path (W, 4, 4) that are near, and more on the motions from or to them.
+
+    Motions of at most `POSE_SPACING` are straight, and turn nothing.
+    """
+    motions = np.diff(path[:, :3, 3], axis=0)
+    close = np.linalg.norm(motions, axis=1) < POSE_SPACING + 1e-9
+    begin = np.flatnonzero(close & (near[1:] | near[:-1]))
+    parts = np.arange(_FINE, POSE_SPACING - 1e-9, _FINE) / POSE_SPACING
+    between = np.repeat(path[begin], len(parts), axis=0)
+    between[:, :3, 3] += (parts[:, None] * motions[begin, None]).reshape(-1, 3)
+    return np.concatenate([path[near], between])
 
 
 def _moved(X: FloatArray, motion: FloatArray) -> FloatArray:

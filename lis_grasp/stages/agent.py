@@ -52,7 +52,7 @@ class Agent:
     station: Station | None = None  #: the arm that carries the hand; None for a free hand
     #: the region that contains the object, or its position and size; None if neither is known
     space: Workspace | Region | None = None
-    table: Table  #: the plane under the object, and the known bodies beside it
+    table: Table  #: under the object, with the known bodies
     on_table: bool  #: whether that plane is a table; else the object is held in the air
     may_slide: bool = False  #: whether fingertips may slide along the object
     load: KnownLoad  #: mass and friction of the object
@@ -102,12 +102,12 @@ class Agent:
 
     @property
     def support_height(self) -> float:
-        """Height of the plane under the object [m]."""
+        """Height of the table [m]."""
         return self.table.height
 
     @property
     def surroundings(self) -> Surroundings:
-        """The known bodies beside the object."""
+        """Known bodies."""
         return self.table.surroundings
 
     def placed(self, space: Workspace | Region | None) -> Agent:

@@ -13,6 +13,7 @@ from lis_grasp import shapes
 from lis_grasp.grasping.grasps import LIFT, STANDOFF, Grasp, GraspSearch
 from lis_grasp.grasping.lift_path import LiftPath
 from lis_grasp.grasping.sampler import ForceClosureSampler
+from lis_grasp.grasping.surface_uncertainty import PALM_ERROR
 from lis_grasp.lifting.outcome import LiftOptions
 from lis_grasp.lifting.planned_lifts import LIFT_HEIGHTS, choose_lift, lift_path, permitted_lifts
 from lis_grasp.lifting.wrist_path import displaced, shake_about
@@ -117,6 +118,13 @@ def test_every_grasp_whose_carried_object_would_hit_a_board_is_rejected() -> Non
     assert heights
 
 
+def test_a_board_5_mm_above_the_object_is_named_as_what_is_in_the_way() -> None:
+    search = plan(board(0.005))
+    assert not search.grasps
+    assert search.hit_bodies.keys() == {"board"}
+    assert "board" in no_grasp_sentence(search.rejections, search.hit_bodies)
+
+
 def test_the_object_in_the_hand_is_rejected_for_a_reason_of_its_own() -> None:
     search = plan(wall(0.005), lifts=(lift_path(OPTIONS),))
     assert search.rejections["carried_hits_obstacle"] > 0
@@ -125,14 +133,17 @@ def test_the_object_in_the_hand_is_rejected_for_a_reason_of_its_own() -> None:
     assert "wall" in no_grasp_sentence(search.rejections, search.hit_bodies)
 
 
-@pytest.mark.slow
-def test_a_margin_keeps_the_hand_that_far_off() -> None:
-    margin = 0.004
+@pytest.mark.by_default("0.0")
+@pytest.mark.parametrize("margin", [0.0, 0.004])
+def test_the_hand_keeps_off_bodies_by_its_error_and_the_margin(margin: float) -> None:
     beside = wall(0.02)
     oracle = Oracle(beside)
-    for grasp in plan(beside, margin=margin):
-        oracle.place(grasp.X_OH, grasp.joint_positions)
-        assert oracle.distance() >= margin
+    search = plan(beside, margin=margin)
+    assert search.grasps
+    for grasp in search:
+        for q in (grasp.joint_positions, grasp.pregrasp_positions):
+            oracle.place(grasp.X_OH, q)
+            assert oracle.distance() >= margin + PALM_ERROR
 
 
 @pytest.mark.slow

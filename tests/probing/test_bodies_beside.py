@@ -7,14 +7,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import worlds
+from scipy.spatial.transform import Rotation
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import ObstacleModel, Probe, Workspace
-from lis_grasp.geometry import inverse_pose
+from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.probing.approach_planner import Approach, ApproachPlanner
 from lis_grasp.probing.bodies_beside import BodiesBeside
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
+from lis_grasp.world import Body, Surroundings
 
 SPACE = ObstacleModel(
     Workspace(0.03, np.array([0.0, 0.0, 0.06]), 0.12, 0.0), Contacts.empty(), None
@@ -81,3 +83,25 @@ def test_a_motion_ends_before_a_known_body(hand: Hand) -> None:
     end = approach.X_OH.copy()
     end[:3, 3] += length * LEVEL.direction
     assert not beside.hits(approach.posture, end[None])
+
+
+def test_a_corner_that_passes_a_body_between_two_poses_hits_it(hand: Hand) -> None:
+    # The hand's edge, turned by 45 degrees, overlaps a post of 2 mm for 2 + 2 * 2 mm of its way.
+    posture = next(iter(hand.probe_postures.values()))
+    q = posture.joint_positions
+    X_WH = np.eye(4)
+    X_WH[:3, :3] = Rotation.from_euler("xz", [180.0, 45.0], degrees=True).as_matrix()
+    links = hand.forward_kinematics(X_WH, q)
+    points = np.vstack(
+        [apply_pose(links[g.link] @ g.X_LG, g.mesh.vertices) for g in hand.link_geometries]
+    )
+    edge = points[np.argmax(points[:, 1])]
+    path = np.repeat(X_WH[None], 4, axis=0)
+    path[:, 0, 3] = [-0.015, -0.005, 0.005, 0.015]
+    for depth, is_hit in ((0.002, True), (-0.001, False)):
+        middle = (float(edge[0]), float(edge[1]) - depth + 0.01, float(edge[2]))
+        bodies = Surroundings((Body.box("post", (0.002, 0.02, 0.002), middle),))
+        checker = HandCollisionChecker(hand, obstacles=bodies.mesh)
+        assert not checker.hit_obstacle(path[None], q[None]).any()  # at none of the four poses
+        assert checker.hit_obstacle(X_WH[None, None], q[None]).any() == is_hit
+        assert BodiesBeside(hand, bodies).hits(posture, path) is is_hit
