@@ -147,12 +147,13 @@ def test_faces_are_continued_in_their_planes_and_not_below_the_table() -> None:
 
 
 def test_a_face_does_not_continue_beyond_a_concave_edge() -> None:
-    long, wall = block(0.08, 0.04, 0.02), block(0.004, 0.04, 0.04).translate((0.0, 0.0, 0.03))
-    bracket = mesh_of(long + wall)
-    # Half of the slab's top ends at the thin wall: continued through it, it would be inside the
-    # other half's plane. The wall's sides would continue into the slab, and be below it.
-    continued = continue_faces(bracket, 0.03)
-    assert not continued.contains([[0.0, 0.0, -0.012], [0.0, 0.01, -0.015]]).any()
+    """The sides of a wall on a slab, continued by 30 mm, would come out below the slab."""
+    slab, wall = block(0.08, 0.04, 0.02), block(0.004, 0.04, 0.04).translate((0.0, 0.0, 0.03))
+    continued = continue_faces(mesh_of(slab + wall), 0.03)
+    x, below = 0.002 - 0.5 * PLATE, -0.012
+    assert not continued.contains([[x, 0.0, below], [-x, 0.0, below]]).any()
+    ends = 0.04 - 0.5 * PLATE  # those of the slab's ends are there
+    assert continued.contains([[ends, 0.0, below], [-ends, 0.0, below]]).all()
 
 
 def test_each_dose_of_each_family_is_one_solid_above_the_table() -> None:
