@@ -27,7 +27,7 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.pose_ik import ArmSolutions
 from lis_grasp.robots.robot_model import links_fixed_to
 from lis_grasp.typing import BoolArray, FloatArray
-from lis_grasp.world import ALONE, Surroundings
+from lis_grasp.world import Table
 
 CLEARANCE = 0.005
 """Least distance of the hand, in all its postures, from the last two links of the arm [m]."""
@@ -152,19 +152,6 @@ def _nearest(arm: Arm, hand: Hand, X_FB: FloatArray) -> tuple[str, str] | None:
     return None
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
-    """A table with a flat top, on which the object is; the arm's base is on it or beside it.
-
-    Other bodies may be beside the object.
-    """
-
-    height: float = 0.0  # of the top in W [m]
-    half_width: float = 0.75  # along W's x and y from `center` [m]
-    center: tuple[float, float] = (0.0, 0.0)  # x and y in W [m]
-    surroundings: Surroundings = ALONE  # in W, beside the object
-
-
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class MountedHand:
     """A hand on an arm, which is on its base at a table.
@@ -216,13 +203,8 @@ class MountedHand:
         return replace(self, X_WA=as_pose(X_WA))
 
     def in_frame(self: _Mounted, X_WF: FloatArray) -> _Mounted:
-        """Return the same in a frame F, whose pose in the present W is `X_WF` (4, 4).
-
-        The table stays level at its height.
-        """
-        table = self.table
-        if table is not None:
-            table = replace(table, surroundings=table.surroundings.in_frame(X_WF))
+        """Return the same in a frame F, whose pose in the present W is `X_WF` (4, 4)."""
+        table = None if self.table is None else self.table.in_frame(X_WF)
         return replace(self, X_WA=as_pose(inverse_pose(X_WF) @ self.X_WA), table=table)
 
     @cached_property

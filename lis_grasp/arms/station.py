@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import trimesh
 
 from lis_grasp.arms.mounted_hand import MountedHand
-from lis_grasp.arms.mounted_hand import Table as Table
 from lis_grasp.arms.reach import ReachFilter
 from lis_grasp.grasping.grasps import ReachCheck
+from lis_grasp.world import Table as Table
 
 
 @dataclass(frozen=True, eq=False, repr=False)  # no slots: for cached_property

@@ -338,7 +338,7 @@ def _beside(station: Station, surroundings: Surroundings) -> Station:
             " give Station.make(..., table=Table(height))",
             option="surroundings",
         )
-    return replace(station, table=replace(station.table, surroundings=surroundings))
+    return replace(station, table=station.table.with_bodies(surroundings))
 
 
 def _progress(context: Context) -> _Progress:

@@ -23,7 +23,7 @@ from lis_grasp.robots.body_pairs import hull_points
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.resting import rest_from, resting_poses
 from lis_grasp.typing import FloatArray
-from lis_grasp.world import Surroundings
+from lis_grasp.world import Table
 
 # Distances of a new place from the old one [m], and the number of directions and turns tried.
 _ASIDE, _DIRECTIONS, _TURNS = (0.1, 0.15, 0.2, 0.3, 0.4), 8, 4
@@ -107,8 +107,7 @@ class PlaceSearch:
     hand: Hand
     grasp: Grasp
     mesh: trimesh.Trimesh  #: the estimate [m], with its uncertainty
-    support_height: float
-    surroundings: Surroundings
+    table: Table  #: which it stands on, and the known bodies
     lift_height: float  #: rise of the wrist after which it carries the object [m]
     standoff: float  #: length of the retreat [m]
     margin: float = 0.0  #: error of the bodies' places [m]
@@ -135,12 +134,12 @@ class PlaceSearch:
     def clearance(self) -> BodyClearance:
         """Collisions of the hand, and of the object, with the bodies."""
         margin = self.margin + _DEVIATIONS * PALM_ERROR
-        return BodyClearance(self.hand, self.mesh, self.surroundings, margin=margin)
+        return BodyClearance(self.hand, self.mesh, self.table.surroundings, margin=margin)
 
     @cached_property
     def _middle(self) -> FloatArray:
         middle = self.mesh.bounds.mean(axis=0)
-        return np.array([middle[0], middle[1], self.support_height])
+        return np.array([middle[0], middle[1], self.table.height])
 
     def _flush_turns(self, corner: Corner, stand: Stand) -> Iterator[FloatArray]:
         """Yield turns (4, 4) that bring the smallest rectangle around the object to the walls."""
@@ -195,7 +194,7 @@ class PlaceSearch:
         along = vertices @ direction
         allowed = along + _DEVIATIONS * np.asarray(known) * outward
         # Where the table cut the estimate, its deviation is that of what is below.
-        sound = vertices[:, 2] > self.support_height + _CUT
+        sound = vertices[:, 2] > self.table.height + _CUT
         return float(max(allowed[sound].max(initial=-np.inf) - along.max(), 0.0))
 
     def _hit(self, motion: FloatArray, carry: float) -> str | None:
@@ -205,10 +204,10 @@ class PlaceSearch:
             if abs(np.arcsin(motion[2, 0])) > _STEEPEST:
                 return "wrist"
             for posture in (q, self.grasp.pregrasp_positions):
-                if self._lowest_of_hand(motion @ X_OH, posture) < self.support_height:
+                if self._lowest_of_hand(motion @ X_OH, posture) < self.table.height:
                     return "table"
         way, back = self._palms(motion, carry), self._retreat(motion)
-        if len(self.surroundings):
+        if len(self.table.surroundings):
             hit = (
                 self.clearance.hit_by_hand(way, q)
                 or self.clearance.hit_by_object(X_OH, way)

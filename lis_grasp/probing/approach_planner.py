@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import groupby
+from itertools import chain, groupby
 from operator import itemgetter
 
 import numpy as np
@@ -140,62 +140,73 @@ class ApproachPlanner:
         centers = [probe.start - posture.radius * probe.direction for posture, _, _ in self._bodies]
         if obstacles.occupies(np.array(centers)).all():
             return blocked
-        first_hit: tuple[ProbePosture, FloatArray] | None = None
-        searched: list[Approach] = []
-        axes = np.vstack([probe.direction, self._axes @ rotation_to_x(probe.direction)])
-        keep_out = keep_out_of(obstacles)
+        keep_out, hits = keep_out_of(obstacles), list[tuple[ProbePosture, FloatArray]]()
         height = obstacles.space.support_height
         searches = height is not None and probe.direction[2] == 0.0
-        if self._reach is not None or searches:
-            axes = np.vstack([axes[:_FIRST], _turned_down(probe.direction), axes[_FIRST:]])
+        searched: list[Approach] = []
         spare: list[list[Approach]] = []
-        for axis in axes:
+        for axis in self._axes_of(probe, searches):
             free: list[Approach] = []
             near: list[Approach] = []
-            for posture, center_H, points_H in self._bodies:
-                center = probe.start - posture.radius * probe.direction
-                distance = float(obstacles.space.approach_distance(center, axis))
-                rolled = list(_rolled(posture, center_H, probe, axis, distance))
-                if self._beside is not None:
-                    ends = np.array([(a.X_OH, a.X_OH_outside) for a in rolled])  # (R, 2, 4, 4)
-                    hit = np.asarray(self._beside.overlaps(posture, ends)).any(axis=1)
-                    if first_hit is None and hit.any():
-                        first_hit = posture, ends[np.argmax(hit)]
-                    rolled = [rolled[k] for k in np.flatnonzero(np.logical_not(hit))]
-                    if not rolled:
-                        continue
-                points = apply_pose(np.array([a.X_OH for a in rolled]), points_H)  # (R, P, 3)
-                for k in np.flatnonzero(~_collides(points, obstacles)):
-                    back = np.arange(POSE_SPACING, distance + POSE_SPACING, POSE_SPACING)
-                    offsets = np.minimum(back, distance)[:, None, None] * axis  # (S, 1, 3)
-                    if _collides(points[k] - offsets, obstacles).any():
-                        continue
-                    if self._beside is not None:
-                        between = self._between(rolled[k], probe, obstacles, self._beside)
-                        if not isinstance(between, Approach):
-                            first_hit = first_hit or (posture, between)
-                            continue
-                        rolled[k] = between
-                    level = self._nearness(rolled[k], probe, keep_out)
-                    if level == FREE and self._reach is None and not searches:
-                        return rolled[k]  # a free hand follows every approach
-                    if level == FREE:
-                        (searched if searches else free).append(rolled[k])
-                    elif level < INSIDE or self._reach is None:
-                        near.append(rolled[k])
+            for approach in self._collision_free(axis, probe, obstacles, hits):
+                level = self._nearness(approach, probe, keep_out)
+                if level == FREE and self._reach is None and not searches:
+                    return approach  # a free hand follows every approach
+                if level == FREE:
+                    (searched if searches else free).append(approach)
+                elif level < INSIDE or self._reach is None:
+                    near.append(approach)
             spare.append(near)
             if (reached := self._reached(free, probe, obstacles, start)) is not None:
                 return reached
-        if searches and height is not None:
-            for some in self._least_exposed(searched, probe, height):
-                if (reached := self._reached(some, probe, obstacles, start)) is not None:
-                    return reached
-        for near in spare:
-            if (reached := self._reached(near, probe, obstacles, start)) is not None:
+        exposed = self._least_exposed(searched, probe, height) if height is not None else ()
+        for some in chain(exposed, spare):
+            if (reached := self._reached(some, probe, obstacles, start)) is not None:
                 return reached
-        if first_hit is None or self._beside is None:
+        if not hits or self._beside is None:
             return blocked
-        return f"{blocked}: {self._beside.in_the_way(*first_hit)} is in the way"
+        return f"{blocked}: {self._beside.in_the_way(*hits[0])} is in the way"
+
+    def _axes_of(self, probe: Probe, searches: bool) -> FloatArray:
+        """Return directions of the finger, and of the approach, in the order of trial, (A, 3)."""
+        axes = np.vstack([probe.direction, self._axes @ rotation_to_x(probe.direction)])
+        if self._reach is None and not searches:
+            return axes
+        return np.vstack([axes[:_FIRST], _turned_down(probe.direction), axes[_FIRST:]])
+
+    def _collision_free(
+        self,
+        axis: FloatArray,
+        probe: Probe,
+        obstacles: ObstacleModel,
+        hits: list[tuple[ProbePosture, FloatArray]],
+    ) -> Iterator[Approach]:
+        """Yield the collision-free approaches along an axis, and list what hits a body beside."""
+        for posture, center_H, points_H in self._bodies:
+            center = probe.start - posture.radius * probe.direction
+            distance = float(obstacles.space.approach_distance(center, axis))
+            rolled = list(_rolled(posture, center_H, probe, axis, distance))
+            if self._beside is not None:
+                ends = np.array([(a.X_OH, a.X_OH_outside) for a in rolled])  # (R, 2, 4, 4)
+                hit = np.asarray(self._beside.overlaps(posture, ends)).any(axis=1)
+                hits += [(posture, ends[k]) for k in np.flatnonzero(hit)[:1]]
+                rolled = [rolled[k] for k in np.flatnonzero(np.logical_not(hit))]
+                if not rolled:
+                    continue
+            points = apply_pose(np.array([a.X_OH for a in rolled]), points_H)  # (R, P, 3)
+            for k in np.flatnonzero(~_collides(points, obstacles)):
+                back = np.arange(POSE_SPACING, distance + POSE_SPACING, POSE_SPACING)
+                offsets = np.minimum(back, distance)[:, None, None] * axis  # (S, 1, 3)
+                if _collides(points[k] - offsets, obstacles).any():
+                    continue
+                approach = rolled[k]
+                if self._beside is not None:
+                    between = self._between(approach, probe, obstacles, self._beside)
+                    if not isinstance(between, Approach):
+                        hits.append((posture, between))
+                        continue
+                    approach = between
+                yield approach
 
     def _least_exposed(
         self, approaches: list[Approach], probe: Probe, height: float

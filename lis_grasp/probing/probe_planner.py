@@ -156,7 +156,7 @@ class ProbePlanner:
     ) -> tuple[Leg, Leg]:
         """Return the approach and the probe's motion as planned, without a contact.
 
-        They are slow where the hand may touch something, and faster there if nothing is known.
+        They are slow where the hand may touch something, and faster there until the first contact.
         """
         begin, axis, distance = approach.X_OH_outside, approach.axis, approach.distance
         X_OH, along, length = approach.X_OH, probe.direction, probe.standoff + probe.overshoot
@@ -171,7 +171,7 @@ class ProbePlanner:
             return way_in, ahead
         keep_out = keep_out_of(obstacles)
         points = self._points[approach.posture.finger]
-        if not keep_out.is_known:
+        if not len(obstacles.contacts):
             way_in, ahead = (_searching(leg, searching) for leg in (way_in, ahead))
         way_in, ahead = (
             replace(leg, free=_free_length(leg, points, keep_out)) for leg in (way_in, ahead)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lis_grasp.arms.station import Station, Table
+from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Region, Workspace
 from lis_grasp.exploration.extent import End, unseen_ends
@@ -28,7 +28,7 @@ from lis_grasp.task.robot import Robot
 from lis_grasp.task.task import Task
 from lis_grasp.typing import FloatArray
 from lis_grasp.views import DepthView, Views
-from lis_grasp.world import ALONE, KnownBodies, Surroundings
+from lis_grasp.world import KnownBodies, Surroundings, Table
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)  # no slots: for cached_property
@@ -52,12 +52,11 @@ class Agent:
     station: Station | None = None  #: the arm that carries the hand; None for a free hand
     #: the region that contains the object, or its position and size; None if neither is known
     space: Workspace | Region | None = None
-    support_height: float  #: of the plane under the object [m]
+    table: Table  #: the plane under the object, and the known bodies beside it
     on_table: bool  #: whether that plane is a table; else the object is held in the air
     may_slide: bool = False  #: whether fingertips may slide along the object
     load: KnownLoad  #: mass and friction of the object
     views: Views | None = None  #: of the object, before its first touch; None without a camera
-    surroundings: Surroundings = ALONE  #: known bodies beside the object
     X_WE: FloatArray = field(default_factory=lambda: np.eye(4))  #: (4, 4), in the table's frame W
 
     @classmethod
@@ -85,23 +84,31 @@ class Agent:
         X_WE = np.eye(4) if X_WE is None else require_pose("X_WE", X_WE)
         if surroundings is None:
             surroundings = find_surroundings(task, support_height)
-        surroundings = believed(surroundings.in_frame(X_WE), robot.body_error, task.seed)
+        bodies = believed(surroundings.in_frame(X_WE), robot.body_error, task.seed)
+        table = Table(support_height, surroundings=bodies)
         return Agent(
             robot=robot,
             known=known,
             decide=task.decide,
             seed=task.seed,
             hand=hand,
-            station=make_station(
-                robot, hand, Table(support_height, surroundings=surroundings), poses.get("X_EA")
-            ),
-            support_height=support_height,
+            station=make_station(robot, hand, table, poses.get("X_EA")),
+            table=table,
             on_table=task.on_table,
             may_slide=task.may_slide,
             load=KnownLoad.of(task),
-            surroundings=surroundings,
             X_WE=X_WE,
         )
+
+    @property
+    def support_height(self) -> float:
+        """Height of the plane under the object [m]."""
+        return self.table.height
+
+    @property
+    def surroundings(self) -> Surroundings:
+        """The known bodies beside the object."""
+        return self.table.surroundings
 
     def placed(self, space: Workspace | Region | None) -> Agent:
         """Return the same, knowing that the object is in a space."""
@@ -158,14 +165,14 @@ class Agent:
 
     def knowing(self, surroundings: Surroundings) -> Agent:
         """Return the same with bodies beside the object at other believed places."""
-        station = self.station
-        if station is not None and station.table is not None:
-            table = replace(station.table, surroundings=surroundings)
-            station = replace(station, table=table)
-        return replace(self, station=station, surroundings=surroundings)
+        return self._at(self.table.with_bodies(surroundings), self.station)
 
     def in_frame(self, X_EF: FloatArray) -> Agent:
         """Return the same in a frame F, whose pose in the present frame E is `X_EF` (4, 4)."""
         station = None if self.station is None else self.station.in_frame(X_EF)
-        surroundings = self.surroundings.in_frame(X_EF)
-        return replace(self, station=station, surroundings=surroundings, X_WE=self.X_WE @ X_EF)
+        moved = self._at(self.table.in_frame(X_EF), station)
+        return replace(moved, X_WE=self.X_WE @ X_EF)
+
+    def _at(self, table: Table, station: Station | None) -> Agent:
+        station = None if station is None else replace(station, table=table)
+        return replace(self, table=table, station=station)

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from lis_grasp.arms.placement import choose_base
-from lis_grasp.arms.station import Station, Table
+from lis_grasp.arms.station import Station
 from lis_grasp.geometry import make_pose, require_pose
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.task.robot import Robot
 from lis_grasp.typing import FloatArray
+from lis_grasp.world import Table
 
 
 def make_station(robot: Robot, hand: Hand, table: Table, X_EA: FloatArray | None) -> Station | None:

@@ -24,6 +24,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+import trimesh
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
@@ -31,14 +32,15 @@ from lis_grasp import Hand, Shape, pipeline
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.exploration import Exploration
-from lis_grasp.geometry import make_pose
+from lis_grasp.geometry import make_pose, tangent_frame
 from lis_grasp.io.json_lines import Row
 from lis_grasp.results.report import world_facts
 from lis_grasp.shapes import placed
-from lis_grasp.shapes.resting import resting_poses
+from lis_grasp.shapes.resting import rest_from, resting_poses
 from lis_grasp.stages.regrasp import grasp_with_tactile_check
 from lis_grasp.stages.touch import disturbance_by, make_prober, touch, true_pose
 from lis_grasp.task.task import Task
+from lis_grasp.typing import FloatArray
 from lis_grasp.world.touching import bodies_touching
 from lis_grasp_studies.evaluation.part import Places, SeedsPart
 from lis_grasp_studies.evaluation.world_scenes import CLOSED, SCENES, make_scene
@@ -57,6 +59,8 @@ from lis_grasp_studies.study.trial import Setup, find_object
 
 _REGION = (0.2, 0.2, 0.2)
 _UPRIGHT = 1e-3  # tilt of an object that needs none [rad]
+# An object that a touch does not topple comes back from this tilt [rad], to so many sides.
+_TILT, _SIDES = float(np.radians(5.0)), 8
 _STILL = 0.002  # an object that no touch moved farther was not lost in truth [m]
 
 
@@ -74,7 +78,7 @@ class WorldTrial:
 
 def measure_world(trial: WorldTrial, policy: str) -> Row:
     """Return what one run with a policy measures."""
-    shape = _standing(find_object(trial.object, Setup()))
+    shape = at_rest(find_object(trial.object, Setup()))
     options: dict[str, Any] = {}
     if trial.scene != ALONE:
         options["world"] = make_scene(trial.scene, shape.mesh, seed=trial.seed)
@@ -164,13 +168,15 @@ def _forces(world: Mapping[str, Any]) -> dict[str, float]:
     return forces
 
 
-def _standing(shape: Shape) -> Shape:
+def at_rest(shape: Shape) -> Shape:
     """Return an object at rest on the table, its bounding box's middle at x = y = 0.
 
-    Of its resting poses it has that nearest to upright: one that falls over would hit others.
+    Of the resting poses that it stays in, it has that nearest to upright: one that falls over would
+    hit others.
     """
-    ups = np.array([pose.rotation[2] for pose in resting_poses(shape.mesh)])
-    up = ups[np.argmax(ups[:, 2])]
+    ups = np.array([pose.rotation[2] for pose in resting_poses(shape.mesh, merged=_TILT)])
+    ups = ups[np.argsort(-ups[:, 2], kind="stable")]
+    up = next((up for up in ups if _stays(shape.mesh, up)), ups[0])
     turn = np.cross(up, [0.0, 0.0, 1.0])
     sine = float(np.linalg.norm(turn))
     if sine > _UPRIGHT:
@@ -179,6 +185,17 @@ def _standing(shape: Shape) -> Shape:
     low, high = shape.mesh.bounds
     middle = 0.5 * (low + high)
     return placed(shape, make_pose(np.eye(3), np.array([-middle[0], -middle[1], -low[2]])))
+
+
+def _stays(mesh: trimesh.Trimesh, up: FloatArray) -> bool:
+    """Return whether an object at rest, tilted to any side, comes to rest near where it was.
+
+    An egg on its end does not: any touch topples it. One on its side may roll a little.
+    """
+    angles = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
+    level = np.column_stack([np.cos(angles), np.sin(angles)]) @ tangent_frame(up)
+    tilted = -np.cos(_TILT) * up + np.sin(_TILT) * level
+    return all(rest_from(mesh, down) @ -up > np.cos(2.0 * _TILT) for down in tilted)
 
 
 WORLDS = Experiment("worlds", measure_world, asdict, variant="policy", modules=(DRAKE,))

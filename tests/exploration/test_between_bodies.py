@@ -212,7 +212,7 @@ def _explored(
     X = scenario.truth.X_WO.copy()  # the object is at the middle of the world
     truth = replace(scenario.truth, shape=placed(scenario.truth.shape, inverse_pose(X)))
     truth = replace(truth, surroundings=world)
-    agent = replace(scenario.agent, surroundings=believed(world, error, seed))
+    agent = scenario.agent.knowing(believed(world, error, seed))
     return touch(replace(scenario, truth=truth, agent=agent))
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from analytic_surfaces import Analytic, Function, box, cube_bounds, sphere, torus, union
 
 from lis_grasp.meshing.occupancy import occupied_nodes
-from tests.analytic_surfaces import Analytic, Function, box, cube_bounds, sphere, torus, union
 
 CELL = 0.1 / 24
 

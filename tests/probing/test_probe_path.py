@@ -98,6 +98,14 @@ def test_a_search_is_as_fast_as_its_way_down_is_slow(
         assert leg.speed == pytest.approx(fast if down == 0.0 else min(fast, slow / down))
 
 
+def test_a_hand_is_gentle_from_the_first_contact_on() -> None:
+    motion = GuardedMotion(STATION.hand, BOX, probe_speed=GENTLE_SPEED)
+    known = replace(SPACE, contacts=Contacts([[0.0, 0.0, 0.05]], [[0.0, 0.0, 1.0]]))
+    course = motion.run(Probe([-0.03, 0.0, 0.02], [1.0, 0.0, 0.0], 0.05, 0.02), known)
+    assert isinstance(course, Course)
+    assert {leg.speed for leg in course.legs} == {GENTLE_SPEED}
+
+
 def test_a_stretched_arm_is_slower(course: Course) -> None:
     arm = replace(STATION.arm, velocity_limits=0.05 * STATION.arm.velocity_limits)
     for path in (path_out, path_back):

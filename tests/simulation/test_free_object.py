@@ -111,6 +111,23 @@ def test_a_light_ball_touched_gently_rolls_by_less_than_six_millimetres() -> Non
     assert 0.0 < outcome.moved < 0.006
 
 
+@pytest.mark.parametrize(("known", "topples"), [(0, True), (1, False)])
+def test_what_a_search_topples_stays_upright_after_the_first_contact(
+    known: int, topples: bool
+) -> None:
+    # Half the foot is 4 mm. At the height of the centre of mass, 30 mm, a push at 0.1 m/s topples
+    # feet below 5.5 mm, at 0.03 m/s below 1.7 mm: v sqrt(h / g).
+    rod = trimesh.creation.cylinder(radius=0.004, height=0.06)
+    space = Workspace(0.03, np.zeros(3), 0.1, -0.03)
+    prober = DynamicProber(Hand.load("allegro"), rod, free=FreeObject(-0.03))
+    top = Contacts([[0.0, 0.0, 0.03]], [[0.0, 0.0, 1.0]]).subset(np.arange(known))
+    probe = Probe([-0.004, 0.0, 0.0], [1.0, 0.0, 0.0], 0.03, 0.02)
+    outcome = prober.probe(probe, ObstacleModel(space, top, None))
+    assert outcome.status == "touched"
+    assert prober.X_EO is not None
+    assert bool(prober.X_EO[2, 2] < 0.5) is topples
+
+
 def test_no_approach_goes_through_the_table() -> None:
     mesh = cube()
     space = Workspace(0.015, np.zeros(3), 0.06, float(mesh.bounds[0, 2]))

@@ -32,7 +32,7 @@ from lis_grasp.stages.place import CORNER as PLACE_OF_CORNER
 from lis_grasp.stages.place import corner_walls
 from lis_grasp.task.scene_file import load_scene, write_scene
 from lis_grasp.task.task import Task
-from lis_grasp.world import ALONE, Body, Surroundings
+from lis_grasp.world import ALONE, Body, Surroundings, Table
 
 QUICK = LiftOptions(hold_time=0.01, lift_time=0.3, shake_accelerations=())
 DEGREE = np.deg2rad(1.0)
@@ -50,7 +50,9 @@ def box() -> trimesh.Trimesh:
 
 def search(hand: Hand, mesh: trimesh.Trimesh, bodies: Surroundings = ALONE) -> PlaceSearch:
     grasp = jaw_grasp(hand, np.array([0.0, 0.0, 0.02]), 0.05)
-    return PlaceSearch(hand, grasp, mesh, -0.05, bodies, lift_height=0.1, standoff=0.12)
+    return PlaceSearch(
+        hand, grasp, mesh, Table(-0.05, surroundings=bodies), lift_height=0.1, standoff=0.12
+    )
 
 
 def placing(hand: Hand, motion: np.ndarray) -> LiftSetup:

@@ -6,12 +6,18 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+import trimesh
 
 from lis_grasp import shapes
 from lis_grasp.world.touching import bodies_touching
 from lis_grasp_studies.evaluation.part import Places
 from lis_grasp_studies.evaluation.world_scenes import CLOSED, SCENES, make_scene
-from lis_grasp_studies.evaluation.worlds import WorldsPart, WorldTrial, measure_world
+from lis_grasp_studies.evaluation.worlds import (
+    WorldsPart,
+    WorldTrial,
+    at_rest,
+    measure_world,
+)
 from lis_grasp_studies.evaluation.worlds_tables import (
     ALONE,
     DOES_NOT_FIT,
@@ -34,6 +40,15 @@ def test_there_are_24_scenes_that_the_box_fits_into() -> None:
             for body, same in zip(world, again, strict=True):
                 np.testing.assert_array_equal(body.mesh.vertices, same.mesh.vertices)
                 assert body.mesh.bounds[0, 2] > -1e-12
+
+
+@pytest.mark.parametrize(("width", "height"), [(0.02, 0.1), (0.006, 0.006)])
+def test_an_object_that_a_touch_topples_lies(width: float, height: float) -> None:
+    # A bar of 100 mm tips at atan(width / 100 mm): 11.3 and 3.4 degrees.
+    bar = shapes.Shape("bar", trimesh.creation.box((width, width, 0.1)), np.empty((0, 2, 3)))
+    low, high = at_rest(bar).mesh.bounds
+    assert high[2] - low[2] == pytest.approx(height)
+    np.testing.assert_allclose([*(low + high)[:2], low[2]], 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", [name for name in SCENES if " mm" in name and name[0].isdigit()])

@@ -176,7 +176,7 @@ class DynamicProber:
         self._motion.place_known(poses)
         if self._station is not None and self._station.table is not None:
             table = self._station.table
-            table = replace(table, surroundings=table.surroundings.placed(poses))
+            table = table.with_bodies(table.surroundings.placed(poses))
             self._station = replace(self._station, table=table)
             self._motion.place_station(self._station.in_frame(self._X_WE))
 
