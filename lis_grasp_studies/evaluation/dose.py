@@ -17,8 +17,10 @@ dose alone, are adjusted by Holm. "Equal" is said only where two one-sided t-tes
 show, at 5 % each, that the difference is less than `MARGIN`, 10 points. Where the means of 21
 objects vary by 27 points (one standard deviation), a loss of 17 points is found with a power of
 78 %. Where they vary by 20 or 17 points and do not differ on average, equality is found with a
-power of 43 or 66 %: without that proof, nothing is said. Beside it, without lifts: planned grasps
-that close on the truth, and distances of their contacts from the nearest true edge.
+power of 43 or 66 %: without that proof, nothing is said. (Where no object differs, a t-test has no
+variance: `equivalence_p_value` has what replaces it, added when the first four objects did not.)
+Beside it, without lifts: planned grasps that close on the truth, and distances of their contacts
+from the nearest true edge.
 """
 
 from __future__ import annotations
@@ -249,21 +251,25 @@ def _difference(pairs: Sequence[tuple[Row, Row]], name: str) -> Difference:
 def equivalence_p_value(values: FloatArray, margin: float) -> float:
     """Return the p-value of two one-sided t-tests that a mean is within a margin of 0.
 
-    The larger of both (Schuirmann 1987); 1 with fewer than two values.
+    The larger of both (Schuirmann 1987); 1 with fewer than two values. Equal values have no
+    variance, but say little of rare ones: for them it is the chance that N values show none of the
+    losses of 1 that a fraction of `margin` of all would have.
 
     Parameters
     ----------
     values
-        Shape (N,), independent.
+        Shape (N,), independent, from -1 to 1.
     margin
-        Above 0, in the unit of the values.
+        Above 0 and below 1, in the unit of the values.
     """
     count = len(values)
     if count < 2:
         return 1.0
     room = margin - abs(float(np.mean(values)))
     error = float(np.std(values, ddof=1)) / np.sqrt(count)
-    return float(student.sf(room / error, count - 1)) if error else float(room <= 0.0)
+    if error > 0.0:
+        return float(student.sf(room / error, count - 1))
+    return float((1.0 - margin) ** count) if room > 0.0 else 1.0
 
 
 def difference_table(rows: Sequence[Row]) -> Table:
