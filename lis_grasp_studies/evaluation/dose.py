@@ -178,11 +178,12 @@ class DosePart(SaltedPart):
         return {"What do changed edges cost fingertips?": ", ".join(texts)} if texts else {}
 
     def numbers(self, rows: Sequence[Row]) -> dict[str, float]:
-        """Return what each difference is [points], from how many pairs and objects."""
+        """Return each difference [points], its pairs and tests; an interval where there is one."""
         numbers: dict[str, float] = {}
         for name, found in differences(rows).items():
             low, high = found.interval
             numbers |= {f"points {name}": 100.0 * found.mean, f"pairs {name}": found.pairs}
+            numbers |= {f"lost {name}": found.lost, f"won {name}": found.won}
             numbers |= {f"equal {name}": found.p_equal, f"p {name}": found.p_value}
             if low is not None and high is not None:
                 numbers |= {f"low {name}": 100.0 * low, f"high {name}": 100.0 * high}

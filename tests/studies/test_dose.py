@@ -226,6 +226,7 @@ def test_differences_are_those_counted_by_hand() -> None:
     numbers = part.numbers(rows)
     assert numbers[f"points {CONTINUED}"] == pytest.approx(-50.0)
     assert numbers[f"pairs {ROUNDED}"] == 11
+    assert (numbers[f"lost {CONTINUED}"], numbers[f"won {CONTINUED}"]) == (12, 0)
     assert not part.tables([])[0].body
     assert not part.answers([])
 
