@@ -33,6 +33,7 @@ from lis_grasp_studies.contact_study.tables import (
     summarise,
 )
 from lis_grasp_studies.evaluation.command_parts import CommandsPart, FitsPart, ServicePart
+from lis_grasp_studies.evaluation.dose import DosePart
 from lis_grasp_studies.evaluation.exploration import EXPLORATION, ExplorationTrial
 from lis_grasp_studies.evaluation.grasp_parts import GraspsPart, SimulatorsPart
 from lis_grasp_studies.evaluation.grasp_tables import ALL, REFERENCE, SUBJECT
@@ -268,6 +269,7 @@ AnyPart = (
     | TasksPart
     | SuctionPart
     | OutlinesPart
+    | DosePart
     | ViewsPart
     | SurfacesTrack
     | LiftsTrack

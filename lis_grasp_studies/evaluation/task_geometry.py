@@ -178,6 +178,15 @@ def _is_near(direction: FloatArray, others: Sequence[FloatArray]) -> bool:
     )
 
 
+def points_along(edges: FloatArray, step: float = 1e-3) -> FloatArray:
+    """Return points along edges (E, 2, 3), about a step apart [m], shape (P, 3)."""
+    parts = [np.empty((0, 3))]
+    for start, end in edges:
+        count = max(2, int(np.linalg.norm(end - start) / step))
+        parts.append(start + np.linspace(0.0, 1.0, count)[:, None] * (end - start))
+    return np.concatenate(parts)
+
+
 def surface_excess(estimate: Surface, truth: Surface, edges: FloatArray) -> dict[str, float]:
     """Return how far the estimate is beyond the truth, and how far the truth is from it [m].
 

@@ -34,6 +34,7 @@ from lis_grasp_studies.evaluation.task_geometry import (
     FAILED,
     Surface,
     extent_bands,
+    points_along,
     slot_clearance,
     standing,
     suction,
@@ -85,7 +86,7 @@ def task_rows(
 
     The seed and the number of the shape decide on places of cups and yaws of walls.
     """
-    cup, edges = Hand.load(_GRIPPER).pads[0].cup, _along(shape.edges)
+    cup, edges = Hand.load(_GRIPPER).pads[0].cup, points_along(shape.edges)
     assert cup is not None
     truth = Surface(shape.mesh, _PLACES, cup, seed)
     rows = []
@@ -112,15 +113,6 @@ def _explored(trial: SaltedTrial) -> tuple[Shape, Contacts]:
     """Return the object, and the contacts of its exploration."""
     shape = salted_shape(trial.salt, trial.number)
     return shape, touched(shape, trial.seed)
-
-
-def _along(edges: FloatArray, step: float = 1e-3) -> FloatArray:
-    """Return points along edges (E, 2, 3), about a step apart [m], shape (P, 3)."""
-    parts = [np.empty((0, 3))]
-    for start, end in edges:
-        count = max(2, int(np.linalg.norm(end - start) / step))
-        parts.append(start + np.linspace(0.0, 1.0, count)[:, None] * (end - start))
-    return np.concatenate(parts)
 
 
 TASKS = Experiment("tasks", measure_tasks, asdict)

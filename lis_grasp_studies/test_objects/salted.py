@@ -139,3 +139,8 @@ MIXED_FAMILIES: Mapping[str, Callable[[np.random.Generator], Solid]] = MappingPr
     }
 )
 """Four families with flat faces, one with rims between curved faces, and one without edges."""
+
+EDGED_FAMILIES: Mapping[str, Callable[[np.random.Generator], Solid]] = MappingProxyType(
+    {**FAMILIES, "turned": _turned}
+)
+"""The families with flat faces, and one with rims between curved faces: all have edges."""
