@@ -42,7 +42,7 @@ quiet=--quiet
 
 say "done: $(.venv/bin/lis-grasp --version) in .venv; next:"
 say "  .venv/bin/lis-grasp doctor                      # checks this machine"
-say "  .venv/bin/lis-grasp run box --output results/demo  # about ten seconds"
+say "  .venv/bin/lis-grasp run box --output results/demo  # about twenty seconds"
 case ",$extras," in *,dev,*) say "  .venv/bin/python -m pytest                      # the tests" ;; esac
 case ",$extras," in *,study,*) say "  .venv/bin/lis-grasp compare --quick             # a small study" ;; esac
 case ",$extras," in *,docs,*) say "  .venv/bin/sphinx-build -W docs docs/_build/html # the documentation" ;; esac

@@ -123,7 +123,7 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
     parser = _Parser(
         prog="lis-grasp",
         description="Learn an unknown object's shape by touch, and grasp it.",
-        epilog="start with: lis-grasp run box --output results/demo (about ten seconds)",
+        epilog="start with: lis-grasp run box --output results/demo (about twenty seconds)",
     )
     parser.add_argument("--version", action="version", version=f"lis-grasp {__version__}")
     verbs = parser.add_subparsers(metavar="VERB", required=True)
