@@ -95,7 +95,8 @@ def _answered(owner: type, name: str, error: AttributeError, asked: object) -> A
     """Return the error of a missing attribute with advice; special names and others get none."""
     if name.startswith("_") or f"'{name}'" not in str(error):
         return error
-    names = [member for member in dir(owner) if not member.startswith("_")]
+    fields = getattr(owner, "__dataclass_fields__", {})  # those without a default are no members
+    names = sorted(name for name in {*dir(owner), *fields} if not name.startswith("_"))
     end = advice([base.__name__ for base in owner.__mro__], name, names) or all_of(names)
     return AttributeError(f"{error}{end}", name=name, obj=asked)
 

@@ -198,6 +198,9 @@ def test_every_flag_is_a_keyword_or_gets_the_word_for_it(verb: str, call: Any) -
         ("grasp m.stl --support-height 0", "use --support"),
         ("grasp m.stl --top 3", "use --grasps"),
         ("run --object box x", "OBJECT is given without a flag"),
+        ("grasp surface.ply wsg50", "use --hand wsg50"),
+        ("doctor iiwa14", "use --arm iiwa14"),
+        ("run box --position 0.1", "unrecognized arguments: --position"),
         ("run box --headless", "without --watch"),
         ("run box --no-shake", "every lift ends with a shake"),
         ("run box --prober magic", "--prober must be one of dynamic, kinematic; it is 'magic'"),
@@ -213,3 +216,15 @@ def test_a_word_of_other_programs_is_answered(
     with suppress(SystemExit):
         assert main(line.split()) == 2
     assert answer in capsys.readouterr().err
+
+
+def test_a_message_on_a_member_lists_the_fields_too() -> None:
+    with pytest.raises(AttributeError, match="it has contacts, ") as refused:
+        _ = lg.Run.__new__(lg.Run).nothing_like_it
+    assert {"contacts", "mesh", "grasps", "held"} <= set(re.findall(r"\w+", str(refused.value)))
+
+
+def test_a_grasp_in_the_object_s_place_is_named() -> None:
+    search = lg.plan("box", "wsg50", grasps=1)
+    with pytest.raises(TypeError, match="needs the true object before the Grasp"):
+        lg.lift(search.best)

@@ -62,7 +62,8 @@ class _Parser(argparse.ArgumentParser):
     """Parser whose errors are one sentence, without the list of all options."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
+        # An option's beginning may be another program's option: --position is no noise.
+        super().__init__(*arguments, **{"allow_abbrev": False, **options})
         self.register("type", int, _converter(int, "a whole number"))
         self.register("type", float, _converter(float, "a number"))
 
@@ -81,7 +82,12 @@ class _Parser(argparse.ArgumentParser):
         return known, unknown
 
     def _positional(self, flag: str) -> str:
-        """Return the end of a message on a flag that is the name of an argument without one."""
+        """Return the end of a message on a name without its flag, or a flag of a name without."""
+        from lis_grasp.robots.shipped_models import READY_ARMS, READY_HANDS
+
+        for option, names in (("--hand", READY_HANDS), ("--arm", READY_ARMS)):
+            if flag in names and option in self.format_usage():
+                return f": use {option} {flag}"
         own = [str(a.metavar) for a in self._actions if not a.option_strings and a.metavar]
         name = flag.partition("=")[0].lstrip("-").lower()
         if flag[:2] != "--" or "-" in name or not own:

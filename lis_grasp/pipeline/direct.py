@@ -296,6 +296,8 @@ def lift(
     require_options(options, (*_LOAD, "simulator"))
     if isinstance(hand, Grasp):
         hand, grasp = None, grasp or hand
+    if isinstance(object, Grasp):
+        raise TypeError("lift(object, grasp) needs the true object before the Grasp")
     if not isinstance(grasp, Grasp):
         raise TypeError(
             "grasp of lift(object, hand, grasp) must be a Grasp, such as plan(...).best; it is a"

@@ -90,7 +90,7 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
     for number, attempt in enumerate(report["attempts"][:-1], start=1):
         lesson = attempt.get("lesson")
         taught = "the next grasp" if lesson is None else lesson_sentence(lesson)
-        lines.append(f"attempt {number} {attempt['reason'].replace('_', ' ')}; then {taught}")
+        lines.append(f"grasp {number} {attempt['reason'].replace('_', ' ')}; then {taught}")
     if lift.get("grip_margin") is not None:
         margin = f"the grip was {lift['grip_margin']:.1f} times what the largest shake needs"
         lines.append(f"weighed   {lift['weighed']:.2g} kg; {margin}")

@@ -131,9 +131,9 @@ def test_the_summary_says_what_each_attempt_taught_and_the_margin_of_the_grip() 
     made["attempts"] = [first, {"reason": "turned", "lesson": lost}, {"reason": "dropped"}]
     made["lift"] = made["lift"] | {"weighed": 0.6, "grip_margin": 0.43}
     lines = run_lines(made)
-    one, two = (line for line in lines if line.startswith("attempt"))
+    one, two = (line for line in lines if line.startswith("grasp"))
     found = "3 contacts felt; found 21 mm away; 9 probes, 4 new contacts"
-    assert one == f"attempt 1 not lifted; then {found}"
+    assert one == f"grasp 1 not lifted; then {found}"
     assert "turned" in two
     assert "explored anew, 20 contacts" in two
     (weighed,) = (line for line in lines if line.startswith("weighed"))
