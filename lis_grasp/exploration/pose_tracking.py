@@ -21,8 +21,7 @@ from lis_grasp.typing import FloatArray
 # A contact this far off certain surface, in standard deviations and [m], shows a large motion,
 # with these standard deviations of x, y [m] and yaw [rad].
 _CONTRADICTION, _FAR, _LARGE_MOTION = 5.0, 0.003, (0.015, 0.015, 0.3)
-# A landmark's probe begins this far before its contact when it is repeated [m]; what other links
-# meet farther off is on the way.
+# A landmark's probe begins this far before its contact when it is repeated [m].
 _BEFORE_AGAIN = 0.03
 # From this many standard deviations on, it is suspicious: a known place is probed again.
 _SUSPICIOUS = 2.0
@@ -128,8 +127,8 @@ class PoseTracker:
         if deviations[best] < (max(least, 0.5 * _UNUSABLE) if spent else least):
             return None
         beyond = 2.0 * float(deviations[best])
-        # Before contacts show the object, only the landmark's own way is known to be free.
-        few = len(state.known) < _FEW
+        # After one contact, only the landmark's own way is known to be free.
+        few = len(state.known) < 2
         again = touches[best].probe if few else _from_near(touches[best], beyond)
         return replace(again, overshoot=again.overshoot + beyond)
 
@@ -150,7 +149,6 @@ class PoseTracker:
         target = outcome.probe.target
         same = [o for o in recent.landmarks if np.array_equal(o.probe.target, target)]
         same = [o for o in same if _turned_alike(o.hand_pose, outcome.hand_pose)]
-        same = [o for o in same if not _met_on_the_way(o.contacts, contacts)]
         place = next((landmark.contacts.subset([0]) for landmark in same if repeated), None)
         if place is not None:  # missed, or met on another side; an edge has two sides
             alike = contacts.normals @ place.normals[0] > _SAME_SIDE
@@ -300,14 +298,6 @@ def _turned_alike(first: HandPose | None, second: HandPose | None) -> bool:
         return True
     R = relative_rotation(first.X_OH, second.X_OH)
     return bool(0.5 * (np.trace(R) - 1.0) > _SAME_SIDE)
-
-
-def _met_on_the_way(place: Contacts, contacts: Contacts) -> bool:
-    """Return whether other links touched, far from a place: it shows no motion of the place."""
-    if not len(contacts) or not place.fingers or place.fingers[0] in contacts.fingers:
-        return False
-    off = np.linalg.norm(contacts.points - place.points[0], axis=1)
-    return bool(off.min() > _BEFORE_AGAIN)
 
 
 def _from_near(touch: Landmark, deviation: float = 0.0) -> Probe:

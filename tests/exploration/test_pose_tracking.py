@@ -182,21 +182,6 @@ def test_only_a_repetition_with_the_hand_turned_alike_shows_a_motion(
     assert observation.belief.trust == trust
 
 
-@pytest.mark.parametrize(("link", "trust"), [("tip", "doubted"), ("finger", "trusted")])
-def test_a_link_that_meets_the_object_on_its_way_to_a_place_shows_no_motion(
-    link: str, trust: str
-) -> None:
-    # A tilted finger came down from near, and its middle met the top of a box that had not moved.
-    first = touched_at(-0.03)
-    first = replace(first, contacts=replace(first.contacts, fingers=("tip",)))
-    tracker = PoseTracker()
-    state = state_after(tracker.track(first, state_after())[0])
-    top = Contacts([[0.02, 0.07, 0.06]], [[0.0, 0.0, 1.0]], fingers=(link,))
-    observation, _ = tracker.track(ProbeOutcome(PROBE, "touched", top), state)
-    assert observation.belief.trust == trust
-    assert observation.outcome.status == ("blocked" if trust == "doubted" else "touched")
-
-
 def test_a_place_is_approached_from_near_once_contacts_show_the_object() -> None:
     tracker = PoseTracker()
     far = replace(PROBE, standoff=0.2)

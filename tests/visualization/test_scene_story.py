@@ -224,7 +224,8 @@ def test_a_new_exploration_replaces_the_growth(folder: Path) -> None:
     assert main([*EXPLORE, "--touches", "4", "--output", str(folder)]) == 0
     assert main(["estimate", str(folder / "contacts.ply")]) == 0
     assert scene_counts(folder) == [3]
-    assert {path.name for path in own.parent.iterdir()} == {"3.ply", "mine.ply"}
+    assert {path.name for path in own.parent.iterdir()} == {"3.ply"}
+    assert (folder / "earlier" / "1" / "growth" / "mine.ply").read_text() == "mine"
 
 
 def test_a_resumed_exploration_keeps_the_same_growth(folder: Path) -> None:
