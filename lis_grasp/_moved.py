@@ -137,17 +137,11 @@ def module_names(
 
 def _unknown(module: str, name: str, names: Sequence[str]) -> str:
     """Return the sentence of a name that a module has not, with what it has in its place."""
-    # Their own imports take a third of the package's.
-    from lis_grasp.exceptions import all_of
-    from lis_grasp.guesses import advice
+    from lis_grasp.guesses import advice_or_all  # its imports take a third of the package's
 
     # Programs ask for special names, such as __wrapped__.
-    nearest = (
-        ""
-        if name.startswith("_")
-        else advice((module,), name, names) or all_of(n for n in names if n[0] != "_")
-    )
-    return f"module '{module}' has no attribute '{name}'{nearest}"
+    end = "" if name.startswith("_") else advice_or_all((module,), name, names)
+    return f"module '{module}' has no attribute '{name}'{end}"
 
 
 class OldModules:

@@ -7,14 +7,14 @@ Classes, their objects, modules, keywords of functions and the command line have
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from configparser import ConfigParser
 from functools import cache, wraps
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
-from lis_grasp.exceptions import all_of, nearest_of, nearest_or_all
+from lis_grasp.exceptions import all_of, nearest_of
 
 KEYWORDS = {
     "output": "folder",
@@ -50,6 +50,12 @@ def advice(sections: Collection[str], name: str, names: Collection[str]) -> str:
     return nearest_of(name, names)
 
 
+def advice_or_all(sections: Collection[str], name: str, names: Iterable[str]) -> str:
+    """Return the end of a message as `advice` does, or else with all public names."""
+    public = [each for each in names if not each.startswith("_")]
+    return advice(sections, name, public) or all_of(public)
+
+
 def advice_on_option(given: str, options: Collection[str]) -> str:
     """Return the end of a message on an option or a keyword, with one of `options` if it helps.
 
@@ -68,6 +74,11 @@ def advice_on_option(given: str, options: Collection[str]) -> str:
     return f": {none[0]}" if none else nearest_of(given, options)
 
 
+def advice_on_keyword(given: str, accepted: Collection[str]) -> str:
+    """Return the end of a message on a keyword: advice as on an option, or else all keywords."""
+    return advice_on_option(given, accepted) or all_of(sorted({*accepted}))
+
+
 def with_advice(function: _Function) -> _Function:
     """Decorate a function whose keywords are few: a wrong one gets a sentence with the right one.
 
@@ -84,7 +95,7 @@ def with_advice(function: _Function) -> _Function:
     @wraps(function)
     def call(*args: Any, **keywords: Any) -> Any:
         for name in sorted(keywords.keys() - {*accepted}):
-            end = advice_on_option(name, accepted) or nearest_or_all(name, accepted)
+            end = advice_on_keyword(name, accepted)
             raise TypeError(f"{function.__qualname__} has no option '{name}'{end}")
         return function(*args, **keywords)
 
@@ -96,8 +107,8 @@ def _answered(owner: type, name: str, error: AttributeError, asked: object) -> A
     if name.startswith("_") or f"'{name}'" not in str(error):
         return error
     fields = getattr(owner, "__dataclass_fields__", {})  # those without a default are no members
-    names = sorted(name for name in {*dir(owner), *fields} if not name.startswith("_"))
-    end = advice([base.__name__ for base in owner.__mro__], name, names) or all_of(names)
+    sections = [base.__name__ for base in owner.__mro__]
+    end = advice_or_all(sections, name, sorted({*dir(owner), *fields}))
     return AttributeError(f"{error}{end}", name=name, obj=asked)
 
 

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.exploration import LoggedProbe
 from lis_grasp.exploration.touch_log import read_log
-from lis_grasp.io.atomic_writing import whole_file
+from lis_grasp.io.atomic_writing import cannot_write, whole_file
 from lis_grasp.io.json_lines import read_lines
 from lis_grasp.results.progress import SILENT, Progress
 from lis_grasp.task.recorded_facts import checked_facts, read_facts
@@ -188,7 +188,7 @@ def set_aside(files: Sequence[Path], progress: Progress, why: str) -> None:
         for file in present:
             file.rename(place / file.name)
     except OSError as error:
-        raise InvalidFileError.of(place, f"cannot be written: {error.strerror}") from None
+        raise cannot_write(place, error) from None
     names = ", ".join(sorted(file.name for file in present))
     progress.say(f"moved {names} to {place}: {why}")
 

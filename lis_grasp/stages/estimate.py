@@ -21,13 +21,12 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import (
     InvalidOptionError,
     TooManyBadContactsError,
-    nearest_or_all,
     note,
     shown,
 )
 from lis_grasp.exploration import TactileSensor
 from lis_grasp.exploration.prior import NOTHING, Prior, PriorKnowledge
-from lis_grasp.guesses import advice_on_option
+from lis_grasp.guesses import advice_on_keyword
 from lis_grasp.io.option import SPREAD
 from lis_grasp.io.units import LARGEST
 from lis_grasp.meshing import extract_mesh
@@ -353,5 +352,5 @@ def _require_accepted(make: Callable[..., Any], name: str, options: Mapping[str,
     for option in sorted(options.keys() - accepted_options(make, options).keys()):
         accepted = {*inspect.signature(make).parameters, *inspect.signature(estimate).parameters}
         accepted -= {"contacts", "options"}
-        end = advice_on_option(option, accepted) or nearest_or_all(option, accepted)
+        end = advice_on_keyword(option, accepted)
         raise TypeError(f"estimate with {name} has no option '{option}'{end}")

@@ -10,8 +10,8 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 from lis_grasp.contacts import FARTHEST
-from lis_grasp.exceptions import InvalidOptionError, listed, nearest_or_all
-from lis_grasp.guesses import Answering, advice_on_option
+from lis_grasp.exceptions import InvalidOptionError, listed
+from lis_grasp.guesses import Answering, advice_on_keyword
 from lis_grasp.io.option import (
     Option,
     at_least,
@@ -194,8 +194,7 @@ PARTS: Mapping[str, Any] = MappingProxyType(
 def require_options(given: Iterable[str], accepted: Collection[str]) -> None:
     """Raise `TypeError` for the first given option that is not accepted."""
     for name in sorted({*given} - {*accepted}):
-        end = advice_on_option(name, [*accepted]) or nearest_or_all(name, accepted)
-        raise TypeError(f"there is no option '{name}'{end}")
+        raise TypeError(f"there is no option '{name}'{advice_on_keyword(name, accepted)}")
 
 
 def task_options() -> dict[str, Option]:

@@ -222,7 +222,7 @@ def differences(rows: Sequence[Row]) -> Mapping[str, Difference]:
             if exact and row["dose"] != EXACT:
                 pairs[row["dose"].split()[0]].append((row, exact[0]))
                 pairs.setdefault(row["dose"], []).append((row, exact[0]))
-    found = {name: _difference(of, name) for name, of in pairs.items() if of}
+    found = {name: _difference(of) for name, of in pairs.items() if of}
     others = [name for name in found if name != CONTINUED]
     adjusted = dict(zip(others, holm([found[name].p_value for name in others]), strict=True))
     return {
@@ -231,7 +231,7 @@ def differences(rows: Sequence[Row]) -> Mapping[str, Difference]:
     }
 
 
-def _difference(pairs: Sequence[tuple[Row, Row]], name: str) -> Difference:
+def _difference(pairs: Sequence[tuple[Row, Row]]) -> Difference:
     """Return the difference of pairs, with its tests over objects."""
     won, rows = gains(pairs), [row for row, _ in pairs]
     places = objects_of(rows)
