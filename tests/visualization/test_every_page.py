@@ -82,7 +82,11 @@ def drawn(browser: Browser, page: Path, fragment: str = "", size: tuple[int, int
 
 def test_every_writer_of_pages_is_tested_here() -> None:
     files = [f for p in ("lis_grasp", "lis_grasp_studies") for f in (ROOT / p).rglob("*")]
-    texts = {f: f.read_text().lower() for f in files if f.suffix in (".py", ".html", ".js")}
+    texts = {
+        f: f.read_text(encoding="utf-8").lower()
+        for f in files
+        if f.suffix in (".py", ".html", ".js")
+    }
     for call, known in WRITERS.items():
         found = {
             f"{file.parent.name}/{file.name}".replace("assets/", "visualization/assets/")
