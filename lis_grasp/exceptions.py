@@ -298,6 +298,12 @@ class InvalidFileError(InvalidInputError):
         """Return the error of a file with a sentence that begins with its path."""
         return cls(f"{path} {reason}", path=path)
 
+    @classmethod
+    def unreadable(cls, path: Path, error: OSError) -> InvalidFileError:
+        """Return the error of a file that the system does not read."""
+        cure = ": standard input is not read; write it to a file" if str(path) == "-" else ""
+        return cls(f"cannot read {path}: {error.strerror or error}{cure}", path=path)
+
 
 class EstimationError(LisGraspError):
     """A surface that could not be estimated or meshed from valid contacts."""

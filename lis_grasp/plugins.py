@@ -186,11 +186,14 @@ def _loaded(point: EntryPoint, name: str, option: str) -> Any:
         reason = " ".join(str(error).split())
         own = isinstance(error, ImportError | AttributeError | SyntaxError)
         absent = error.name if isinstance(error, ModuleNotFoundError) else ""
+        cure = f": put {absent} into this folder, or install it" if absent else ""
+        if module.endswith(".py"):
+            cure = f": name the module {Path(module).stem}:{attribute}, from the folder of its file"
         raise InvalidOptionError(
             f"{option} '{name}' must be an attribute of a module that can be imported;"
             f" {type(error).__name__}{'' if own else _place(error)}:"
             f" {reason or 'no reason given'}"
-            f"{absent and f': put {absent} into this folder, or install it'}",
+            f"{cure}",
             option=option,
             value=name,
         ) from error

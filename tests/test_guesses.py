@@ -22,6 +22,7 @@ from lis_grasp.robots.robot_model import RobotModel
 from lis_grasp.surfaces.queries import Predicting
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
+CONTACTS_FILE = Path(__file__).parents[1] / "examples" / "contacts.csv"
 CONTACTS = lg.Contacts(0.03 * AXES, AXES)
 CLASSES: dict[str, Any] = {
     "Contacts": lg.Contacts,
@@ -201,6 +202,13 @@ def test_every_flag_is_a_keyword_or_gets_the_word_for_it(verb: str, call: Any) -
         ("grasp surface.ply wsg50", "use --hand wsg50"),
         ("doctor iiwa14", "use --arm iiwa14"),
         ("run box --position 0.1", "unrecognized arguments: --position"),
+        ("run box --position 0 0 0", "use --at, the place in a world"),
+        ("run box --view", "expected one argument: what a depth camera saw"),
+        ("next contacts.ply --batch 3", "one probe is chosen at a time"),
+        ("compare contacts.csv", "arguments without a flag are not taken"),
+        ("grasp m.stl n.stl o.stl", "arguments without a flag are MESH"),
+        ("estimate -", "standard input is not read; write it to a file"),
+        (f"estimate {CONTACTS_FILE} --estimator mine.py:Rbf", "name the module mine:Rbf"),
         ("run box --headless", "without --watch"),
         ("run box --no-shake", "every lift ends with a shake"),
         ("run box --prober magic", "--prober must be one of dynamic, kinematic; it is 'magic'"),

@@ -69,6 +69,9 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         message = re.sub(r"^argument (\S+): must", r"\1 must", message)
+        if (missing := re.match(r"argument (--[\w-]+).*: expected ", message)) is not None:
+            (of,) = (a for a in self._actions if missing[1] in a.option_strings)
+            message += f": {(of.help or '').split(';')[0]}"
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
@@ -90,6 +93,8 @@ class _Parser(argparse.ArgumentParser):
                 return f": use {option} {flag}"
         own = [str(a.metavar) for a in self._actions if not a.option_strings and a.metavar]
         name = flag.partition("=")[0].lstrip("-").lower()
+        if flag[:1] != "-":
+            return f": arguments without a flag are {', '.join(own) or 'not taken'}"
         if flag[:2] != "--" or "-" in name or not own:
             return ""
         asked = own[0] if name == "input" else name

@@ -85,7 +85,7 @@ def digest_of(path: Path) -> str:
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()[:_DIGEST_LENGTH]
     except OSError as error:
-        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
+        raise InvalidFileError.unreadable(path, error) from None
 
 
 def parse(header: str) -> dict[str, Any]:
@@ -118,7 +118,7 @@ def read(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
                 return parse(str(content.get("header", ""))) if isinstance(content, dict) else {}
             head = file.read(HEADER_BYTES)
     except OSError as error:
-        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
+        raise InvalidFileError.unreadable(path, error) from None
     except (ValueError, RecursionError):
         return {}
     comments = (

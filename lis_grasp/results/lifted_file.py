@@ -15,7 +15,7 @@ from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import sole_writer, write_json
 from lis_grasp.io.option import at_least, checked_value
 from lis_grasp.io.surface_files import load_surface
-from lis_grasp.results.notes import say_repairs
+from lis_grasp.results.notes import WARNING, say_repairs
 from lis_grasp.results.progress import SILENT, Progress
 from lis_grasp.results.report import ranked_facts
 from lis_grasp.stages.lift import lift_each, require_simulator
@@ -111,6 +111,11 @@ def lifting_of(path: Path, options: Mapping[str, Any], progress: Progress) -> Li
     poses = {**recorded, "X_EA": recorded_base(options, recorded)}
     scenario = with_place(Scenario.from_config(task, recorded=poses))
     say_repairs(scenario.truth.shape, progress)
+    planned, lifted = recorded.get("object", task.world.object), task.world.object
+    if Path(planned).name != Path(lifted).name:
+        progress.say(
+            f"{WARNING}{path.name} has grasps of {planned}, and the true object is {lifted}"
+        )
     truth = scenario.truth
     require_simulator(task.world.simulator, truth.shape, truth.surroundings)
     surface, agent = path.with_name("surface.ply"), scenario.agent

@@ -92,7 +92,8 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
         taught = "the next grasp" if lesson is None else lesson_sentence(lesson)
         lines.append(f"grasp {number} {attempt['reason'].replace('_', ' ')}; then {taught}")
     if lift.get("grip_margin") is not None:
-        margin = f"the grip was {lift['grip_margin']:.1f} times what the largest shake needs"
+        needed = "what the planned contacts need in the largest shake"
+        margin = f"the grip was {lift['grip_margin']:.1f} times {needed}"
         lines.append(f"weighed   {lift['weighed']:.2g} kg; {margin}")
     if lift["held"]:
         lines.append(

@@ -103,7 +103,7 @@ def parse_xml(path: Path, xacro_args: Mapping[str, str] = MappingProxyType({})) 
                 raise
             root = defusedxml.ElementTree.fromstring(_with_prefixes(text))
     except OSError as error:
-        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
+        raise InvalidFileError.unreadable(path, error) from None
     except DefusedXmlException:
         raise InvalidFileError(f"{path} must not declare XML entities", path=path) from None
     except (ET.ParseError, LookupError, ValueError) as error:

@@ -42,6 +42,7 @@ from lis_grasp.surfaces.carved_implicit_surface import (
 )
 from lis_grasp.surfaces.contact_checks import (
     NormalSide,
+    doubt_of_low_table,
     doubt_of_side,
     doubt_of_table,
     turned_outward,
@@ -340,10 +341,12 @@ def estimate(
 
 
 def note_doubts(contacts: Contacts, support_height: float | None = None) -> None:
-    """Warn of contacts that are not in metres, too few, or below the table [m]."""
+    """Warn of contacts that are not in metres, too few, or far above or below the table [m]."""
     if contacts.extent > LARGEST:
         note(f"contacts are in metres, and these are {contacts.extent:.3g} m apart: check the unit")
-    for doubt in filter(None, (few_contacts(contacts), doubt_of_table(contacts, support_height))):
+    few = few_contacts(contacts)
+    low = "" if few else doubt_of_low_table(contacts, support_height)
+    for doubt in filter(None, (few, low, doubt_of_table(contacts, support_height))):
         note(doubt)
 
 

@@ -113,6 +113,19 @@ def doubt_of_table(contacts: Contacts, height: float | None) -> str:
     )
 
 
+def doubt_of_low_table(contacts: Contacts, height: float | None) -> str:
+    """Return that a table [m] is further below all contacts than these are apart; else nothing."""
+    if height is None or not len(contacts):
+        return ""
+    gap = float(contacts.bounds[0, 2]) - height
+    if gap <= contacts.extent:
+        return ""
+    return (
+        f"the table, z = {height:.4g} m, is {1e3 * gap:.0f} mm below all contacts, which are"
+        f" {1e3 * contacts.extent:.0f} mm apart at most: check its height in the contacts' frame"
+    )
+
+
 def _are_of_one_view(normals: FloatArray) -> bool:
     """Return whether nearly all normals (N, 3) are in the half space about their mean."""
     mean = normals.mean(axis=0)

@@ -116,22 +116,6 @@ def _bounds_are_near(of: EstimatorSubject) -> str:
     return f"they exceed the contacts by {excess:.1f} times their size" if excess > _WIDE else ""
 
 
-@CLAIMS.add("refuse points that are not of shape (..., 3)", "raise an error if shape[-1] != 3")
-def _points_of_another_shape(of: EstimatorSubject) -> str:
-    for shape in ((2,), (3, 4)):
-        if not refused(lambda shape=shape: of.ball.evaluate(np.zeros(shape))):  # type: ignore[misc]
-            return f"evaluate took points of shape {shape}"
-    return ""
-
-
-@CLAIMS.add("refuse points that are not finite", "raise an error, or use scipy's trees, which do")
-def _points_not_finite(of: EstimatorSubject) -> str:
-    for wrong in (np.nan, np.inf):
-        if not refused(lambda wrong=wrong: of.ball.evaluate([[0.0, wrong, 0.0]])):  # type: ignore[misc]
-            return f"evaluate took a coordinate that is {wrong}"
-    return ""
-
-
 @CLAIMS.add("be negative inside of a touched ball", "change the sign of evaluate")
 def _negative_inside(of: EstimatorSubject) -> str:
     found = values(of.ball, np.vstack([np.zeros(3), _WITHIN * RADIUS * directions(60)]))
@@ -228,6 +212,22 @@ def _mesh_of_a_ball(of: EstimatorSubject) -> str:
         return "the mesh of a ball is open"
     ratio = float(mesh.volume) / (4.0 / 3.0 * np.pi * RADIUS**3)
     return f"that of a ball is {ratio:.2f} times the true one" if abs(ratio - 1.0) > _VOLUME else ""
+
+
+@CLAIMS.add("refuse points that are not of shape (..., 3)", "raise an error if shape[-1] != 3")
+def _points_of_another_shape(of: EstimatorSubject) -> str:
+    for shape in ((2,), (3, 4)):
+        if not refused(lambda shape=shape: of.ball.evaluate(np.zeros(shape))):  # type: ignore[misc]
+            return f"evaluate took points of shape {shape}"
+    return ""
+
+
+@CLAIMS.add("refuse points that are not finite", "raise an error, or use scipy's trees, which do")
+def _points_not_finite(of: EstimatorSubject) -> str:
+    for wrong in (np.nan, np.inf):
+        if not refused(lambda wrong=wrong: of.ball.evaluate([[0.0, wrong, 0.0]])):  # type: ignore[misc]
+            return f"evaluate took a coordinate that is {wrong}"
+    return ""
 
 
 @CLAIMS.add("refuse to estimate from no contacts", "raise an error if len(contacts) is 0")

@@ -223,7 +223,7 @@ def draw_search(canvas: Canvas, region: Region, search: Sequence[ProbeOutcome]) 
     lengths = " x ".join(f"{100.0 * length:.0f}" for length in region.lengths)
     seconds = sum(outcome.duration for outcome in search)
     many = counted(len(search), "motion")
-    note = f"{many}, {seconds:.0f} s, in a region of {lengths} cm"
+    note = f"{many}, {seconds:.0f} s, in {lengths} cm"
     canvas.layers.append(Layer("search", "Region, search", True, SEARCH_COLOUR, note))
 
 
@@ -296,7 +296,7 @@ def draw_pose_track(canvas: Canvas, probes: Sequence[LoggedProbe], center: Float
     moved = 1e3 * float(np.linalg.norm(true - true[0], axis=1).max())
     off = 1e3 * float(np.linalg.norm(tracked - true, axis=1).max())
     note = (
-        f"of the object's middle under touch, by up to {moved:.1f} mm (grey); its tracked path is"
+        f"of its middle, by up to {moved:.1f} mm under touch (grey); its tracked path is"
         f" never more than {off:.1f} mm off"
     )
     canvas.layers.append(Layer("motion", "Object's motion", True, TRACKED_COLOUR, note))

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
 from lis_grasp import Hand, RunConfig, explore, pipeline, shapes
 from lis_grasp.exceptions import InvalidHandError, InvalidInputError, InvalidOptionError
+from lis_grasp.io import provenance
 from lis_grasp.io.option import options_of
+from lis_grasp.results.lifted_file import lifting_of
+from lis_grasp.results.progress import SILENT
 from lis_grasp.stages import regrasp
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.scenario import known_place
@@ -115,6 +119,18 @@ def test_numbers_of_a_stage_on_files_are_checked(tmp_path: Path) -> None:
     with pytest.raises(InvalidOptionError) as error:
         pipeline.lift_file(grasps)
     assert error.value.option == "object"
+
+
+def test_another_true_object_than_that_of_the_grasps_is_told(tmp_path: Path) -> None:
+    shapes.find("box").mesh.export(tmp_path / "box.stl")
+    made = pipeline.grasp_file(tmp_path / "box.stl", hand="wsg50", grasps=1)
+    made.search.save(made.path, header=provenance.merge({}, object="box", hand="wsg50"))
+    for lifted in ("box", "cylinder"):
+        with patch.object(type(SILENT), "say") as told:
+            lifting_of(made.path, {"object": lifted}, SILENT)
+        lines = [call.args[0] for call in told.call_args_list]
+        expected = ["warning: grasps.json has grasps of box, and the true object is cylinder"]
+        assert lines == (expected if lifted == "cylinder" else [])
 
 
 def test_the_help_of_grasps_says_how_many_follow_a_failure() -> None:

@@ -16,6 +16,7 @@ from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGr
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.surfaces import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.contact_checks import (
+    doubt_of_low_table,
     doubt_of_table,
     fraction_in_front,
     require_outward_normals,
@@ -112,6 +113,17 @@ def test_contacts_below_a_table_are_told() -> None:
     with pytest.warns(LisGraspWarning) as told:
         estimate(contacts, "gpis", table=0.0)
     assert doubt_of_table(contacts, 0.0) in {str(warning.message) for warning in told}
+
+
+def test_a_table_far_below_all_contacts_is_told() -> None:
+    """Far is more than the 60 mm between opposite contacts; the lowest is at z = -30 mm."""
+    contacts = Contacts(0.03 * AXES, AXES)
+    assert doubt_of_low_table(contacts, -0.089) == doubt_of_low_table(contacts, None) == ""
+    assert "61 mm below all contacts" in doubt_of_low_table(contacts, -0.091)
+    both = contacts.append(Contacts(0.02 * AXES, AXES))
+    with pytest.warns(LisGraspWarning) as told:
+        estimate(both, "gpis", table=-0.091)
+    assert doubt_of_low_table(both, -0.091) in {str(warning.message) for warning in told}
 
 
 @pytest.fixture
