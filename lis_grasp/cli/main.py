@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from threadpoolctl import threadpool_limits
@@ -20,6 +21,7 @@ from lis_grasp.cli.examples import EXAMPLES, format_examples
 from lis_grasp.cli.importing import import_uncollected, interrupts_after_imports
 from lis_grasp.cli.progress import complain, open_streams, say
 from lis_grasp.exceptions import (
+    UNIT_NAMES,
     InvalidInputError,
     InvalidOptionError,
     LisGraspError,
@@ -69,17 +71,57 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         message = re.sub(r"^argument (\S+): must", r"\1 must", message)
+        message = re.sub(
+            r"^argument (\S+): ignored explicit argument (.*)",
+            r"\1 takes no value; it has \2",
+            message,
+        )
+        flag, number, rest = message.partition(" must be a number; ")
+        metavar = next((str(a.metavar) for a in self._actions if flag in a.option_strings), "")
+        if number and metavar in UNIT_NAMES:
+            message = f"{flag} must be a number in {UNIT_NAMES[metavar]}; {rest}"
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse arguments; refuse unknown ones here, where the options of a verb are known."""
+        self._refuse_assignments(args or ())
         known, unknown = super().parse_known_args(args, namespace)
         if unknown:
             options = re.findall(r"--[\w-]+", self.format_usage())
             flag = next((word for word in unknown if word.startswith("-")), unknown[0])
-            suggestion = self._positional(flag) or advice_on_option(flag.partition("=")[0], options)
+            suggestion = (
+                self._positional(flag)
+                or self._superfluous(flag, args or ())
+                or advice_on_option(flag.partition("=")[0], options)
+            )
             self.error(f"unrecognized arguments: {' '.join(unknown)}{suggestion}")
         return known, unknown
+
+    def _refuse_assignments(self, words: Sequence[str]) -> None:
+        """Refuse ``name=value``, as other programs have it, where an option has this name."""
+        for before, word in zip(("", *words), words, strict=False):
+            name, mark, value = word.lstrip("+").partition("=")
+            flag = f"--{name.replace('_', '-')}"
+            is_own = flag in self._option_string_actions and not before.startswith("-")
+            if mark and is_own and not Path(word).exists():
+                self.error(f"an option has two hyphens: write {flag} {value} for {word}")
+
+    def _superfluous(self, word: str, words: Sequence[str]) -> str:
+        """Return the end of a message on a value that an option does not take, or on --no-OPTION.
+
+        An option that is switched off by default has no opposite.
+        """
+        opposite = self._option_string_actions.get(f"--{word.removeprefix('--no-')}")
+        if word.startswith("--no-") and opposite is not None and opposite.nargs == 0:
+            return f": {opposite.option_strings[0]} is off unless it is given"
+        if word.startswith("-") or word not in words:
+            return ""
+        before = [w for w in words[: words.index(word)] if w.startswith("-")]
+        action = self._option_string_actions.get(before[-1]) if before else None
+        if action is None or action.nargs not in (0, None):
+            return ""
+        takes = "no value" if action.nargs == 0 else "one value"
+        return f": {before[-1]} takes {takes}"
 
     def _positional(self, flag: str) -> str:
         """Return the end of a message on a name without its flag, or a flag of a name without."""
@@ -190,6 +232,10 @@ def _run(arguments: Sequence[str] | None) -> int:
             say(build_parser("").format_help().rstrip())
             return 2
         if verb and verb not in _CORE_VERBS and verb not in (names := _verb_registry().names):
+            if arguments[0].startswith("-") and (after := [w for w in arguments if w in names]):
+                raise InvalidInputError(
+                    f"options come after VERB: write lis-grasp {after[0]} before {arguments[0]}"
+                )
             raise _not_one_of("VERB", verb, names)
         options = build_parser(verb).parse_args(arguments)
         # Threads change the order of sums, and thus the last digits of results.
