@@ -211,6 +211,8 @@ def test_every_flag_is_a_keyword_or_gets_the_word_for_it(verb: str, call: Any) -
         ("plot results", "lis-grasp view"),
         ("help run", "lis-grasp VERB --help"),
         ("runn box", "did you mean 'run'"),
+        ("see --depth depth.npy", "IMAGE is given without a flag"),
+        ("see depth.npy --intrinsics a.yaml", "use --camera, which names the file"),
     ],
 )
 def test_a_word_of_other_programs_is_answered(

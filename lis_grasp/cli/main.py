@@ -134,7 +134,7 @@ class _Parser(argparse.ArgumentParser):
         name = flag.partition("=")[0].lstrip("-").lower()
         if flag[:2] != "--" or "-" in name or not own:
             return ""
-        asked = own[0] if name == "input" else name
+        asked = {"input": own[0], "depth": "image"}.get(name, name)
         found = [word for word in own if nearest_of(asked, [word])]
         return f": {found[0]} is given without a flag" if found else ""
 
