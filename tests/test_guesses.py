@@ -298,7 +298,7 @@ def test_the_next_touch_reads_what_an_estimate_reads() -> None:
         ("size", "80 mm", "a number in m"),
         ("max_seconds", "5 min", "a number in s"),
         ("friction", "50 %", "a number;"),
-        ("estimator", 3, "a name or my.module:Class"),
+        ("estimator", 3, "a name, my.module:Class, or a function"),
         ("views", 3, "a list of texts"),
         ("cloud", np.eye(3), "the path of a file"),
         (
@@ -306,7 +306,7 @@ def test_the_next_touch_reads_what_an_estimate_reads() -> None:
             (lg.Body.box("a", AXES[3] + 1.1, AXES[0]),),
             "the path of a file or of type Surr",
         ),
-        ("pose", np.eye(4), "a text;"),
+        ("pose", np.eye(4), "a name or the path of a file"),
         ("hand", "", "a text that is not empty"),
     ],
 )

@@ -32,6 +32,11 @@ _REQUIRED: Mapping[type, str] = {
     tuple: "a list of numbers",
 }
 
+# What a text is, by the name of the value in the help.
+_NAMES = {"FILE": "the path of a file"} | dict.fromkeys(
+    ("HAND", "ARM", "POSE"), "a name or the path of a file"
+)
+
 _T = TypeVar("_T")
 
 
@@ -173,8 +178,9 @@ def _wrong(
     """Return the error of a value of a wrong type; an option may have values of `others` too."""
     required = _REQUIRED[kind]
     if option is not None and kind is str and value != "":
-        required = "a name or my.module:Class" if option.registry else "a text"
-        required = "the path of a file" if option.metavar == "FILE" else required
+        required = _NAMES.get(str(option.metavar), "a text")
+        if option.registry:
+            required = "a name, my.module:Class, or a function"
         required = " or ".join((required, *(f"of type {other.__name__}" for other in others)))
     elif option is not None and isinstance(option.metavar, str):
         required += f" in {UNIT_NAMES[option.metavar]}" if option.metavar in UNIT_NAMES else ""

@@ -57,8 +57,8 @@ def require_options_of_files(object_: AnyObject, options: Mapping[str, Any]) -> 
     for name, use in _OF_FILES.items():
         if options.get(name) is not None:
             raise InvalidOptionError(
-                f"{name} is for {use}, and this object is in memory: leave it out, and change the"
-                " mesh",
+                f"{name} is for {use}, and this object is in memory: leave it out, and scale or"
+                " turn the mesh",
                 option=name,
                 value=options[name],
             )
