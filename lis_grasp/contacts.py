@@ -239,6 +239,11 @@ class Contacts(ByValue, Record):
         Forces, times and fingers are kept only if both have them; noise that one of the two lacks
         is unknown for its contacts.
         """
+        if not isinstance(other, Contacts):
+            raise TypeError(
+                f"append takes Contacts; this is of type {type(other).__name__}: write"
+                " append(Contacts(points, normals))"
+            )
         kept, empty = (self, other) if len(self) else (other, self)
         if not len(empty) and not len(empty.free_points):
             return kept

@@ -22,6 +22,10 @@ _SIMILAR = 0.7
 _MOST_NAMED = 8  # in a message
 
 
+UNIT_NAMES: Mapping[str, str] = {"METRES": "m", "KG": "kg", "S": "s"}
+"""Units of an option's number, by the name of its value in the help."""
+
+
 def counted(number: int, thing: str) -> str:
     """Return a number of things in words, with an s unless it is one."""
     return f"{number} {thing}" + ("" if number == 1 else "s")

@@ -102,6 +102,37 @@ def _registered(group: str, _path: tuple[str, ...]) -> Mapping[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=group)}
 
 
+def misfit(make: Callable[..., Any], *given: str) -> str:
+    """Return in words what a function takes, if it is not one value and keywords `given`, or "".
+
+    A class takes what its constructor takes.
+    """
+    try:
+        taken = inspect.signature(make)
+    except (TypeError, ValueError):  # of a compiled function
+        return ""
+    parameters = [p for name, p in taken.parameters.items() if name not in given]
+    first = next((p for p in parameters if p.kind in _BY_PLACE), None)
+    required = [p for p in parameters if p is not first and p.default is p.empty]
+    if first is not None and all(p.kind in _ANY_NUMBER for p in required):
+        return ""
+    return f"it takes {', '.join(taken.parameters) or 'nothing'}"
+
+
+_ANY_NUMBER = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+_BY_PLACE = (
+    inspect.Parameter.POSITIONAL_ONLY,
+    inspect.Parameter.POSITIONAL_OR_KEYWORD,
+    inspect.Parameter.VAR_POSITIONAL,
+)
+
+
+def qualified_name(plugin: Any) -> str:
+    """Return ``module:name`` of a function or a class, or of the class of another object."""
+    named = plugin if hasattr(plugin, "__qualname__") else type(plugin)
+    return f"{named.__module__}:{named.__qualname__}"
+
+
 @contextmanager
 def errors_of(name: str, plugin: Any) -> Iterator[None]:
     """Raise an error of a plug-in's code as `PluginError`, with its place in the plug-in's file.
@@ -187,8 +218,8 @@ def _loaded(point: EntryPoint, name: str, option: str) -> Any:
         own = isinstance(error, ImportError | AttributeError | SyntaxError)
         absent = error.name if isinstance(error, ModuleNotFoundError) else ""
         cure = f": put {absent} into this folder, or install it" if absent else ""
-        if module.endswith(".py"):
-            cure = f": name the module {Path(module).stem}:{attribute}, from the folder of its file"
+        if absent and module.endswith(".py"):
+            cure = f": write {module.removesuffix('.py').replace('/', '.')}:{attribute}"
         raise InvalidOptionError(
             f"{option} '{name}' must be an attribute of a module that can be imported;"
             f" {type(error).__name__}{'' if own else _place(error)}:"

@@ -17,9 +17,11 @@ import pytest
 import lis_grasp as lg
 from lis_grasp import guesses
 from lis_grasp.cli.main import build_parser, main
+from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.guesses import KEYWORDS, Answering, advice_on_option, answers
 from lis_grasp.robots.robot_model import RobotModel
 from lis_grasp.surfaces.queries import Predicting
+from tests.made_grasps import jaw_grasp
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 CONTACTS_FILE = Path(__file__).parents[1] / "examples" / "contacts.csv"
@@ -37,6 +39,7 @@ CLASSES: dict[str, Any] = {
 }
 # Names in answers that are no names of ours: variables, and functions of Python and numpy.
 OTHER = {"contacts", "surface", "file", "folder", "len", "numpy", "hand", "table", "mesh", "search"}
+BOX = lg.Body.box
 VERBS = ("run", "explore", "next", "estimate", "grasp", "lift")
 
 
@@ -72,7 +75,7 @@ def test_answers_on_options_name_options() -> None:
     flags = set().union(*FLAGS.values(), *map(_flags, ("outline", "compare")))
     keywords = {
         f"--{name}".replace("_", "-")
-        for function in (lg.extract_mesh, lg.GaussianProcessImplicitSurface.from_contacts)
+        for function in (lg.extract_mesh, lg.GaussianProcessImplicitSurface.from_contacts, BOX)
         for name in inspect.signature(function).parameters
     }
     for answer in _sections()["options"]:
@@ -208,7 +211,7 @@ def test_every_flag_is_a_keyword_or_gets_the_word_for_it(verb: str, call: Any) -
         ("compare contacts.csv", "arguments without a flag are not taken"),
         ("grasp m.stl n.stl o.stl", "arguments without a flag are MESH"),
         ("estimate -", "standard input is not read; write it to a file"),
-        (f"estimate {CONTACTS_FILE} --estimator mine.py:Rbf", "name the module mine:Rbf"),
+        (f"estimate {CONTACTS_FILE} --estimator mine.py:Rbf", "write mine:Rbf"),
         ("run box --headless", "without --watch"),
         ("run box --no-shake", "every lift ends with a shake"),
         ("run box --prober magic", "--prober must be one of dynamic, kinematic; it is 'magic'"),
@@ -216,6 +219,8 @@ def test_every_flag_is_a_keyword_or_gets_the_word_for_it(verb: str, call: Any) -
         ("plot results", "lis-grasp view"),
         ("help run", "lis-grasp VERB --help"),
         ("runn box", "did you mean 'run'"),
+        ("see --depth depth.npy", "IMAGE is given without a flag"),
+        ("see depth.npy --intrinsics a.yaml", "use --camera, which names the file"),
     ],
 )
 def test_a_word_of_other_programs_is_answered(
@@ -236,3 +241,118 @@ def test_a_grasp_in_the_object_s_place_is_named() -> None:
     search = lg.plan("box", "wsg50", grasps=1)
     with pytest.raises(TypeError, match="needs the true object before the Grasp"):
         lg.lift(search.best)
+
+
+MESH = lg.shapes.box(size=0.06).mesh
+SURFACE = lg.estimate(CONTACTS, "gpis")
+GRASPS = lg.GraspSearch(())
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "said"),
+    [
+        (lambda: lg.plan(SURFACE), TypeError, r"write extract_mesh\(surface\)$"),
+        (lambda: lg.plan(CONTACTS), TypeError, r"write extract_mesh\(estimate\(contacts\)\)$"),
+        (lambda: lg.plan("box", MESH), TypeError, "a hand is a name.* of type Trimesh$"),
+        (lambda: lg.explore("box", MESH), TypeError, "a hand is a name.* of type Trimesh$"),
+        (lambda: lg.next_touch(SURFACE), TypeError, "give its contacts"),
+        (lambda: lg.next_touch(MESH), TypeError, "contacts are read from a file"),
+        (lambda: lg.lift("box", GRASPS), TypeError, "it is of type GraspSearch$"),
+        (lambda: lg.lift("box", "wsg50", GRASPS), TypeError, "it is of type GraspSearch$"),
+        (lambda: lg.lift("box", "wsg50"), TypeError, "it is missing$"),
+        (lambda: CONTACTS.append(AXES), TypeError, r"append\(Contacts\(points, normals\)\)$"),
+        (lambda: lg.Body.box("a", AXES, AXES[0]), InvalidOptionError, "sides must be 3 finite"),
+        (lambda: lg.Body.box("a", AXES[0], np.eye(4)), InvalidOptionError, "center must be 3"),
+        (lambda: lg.Body.box("a", -AXES[0], AXES[0]), InvalidOptionError, "sides must be above 0"),
+        (lambda: lg.Body.box("a", (60, 60, 99), (0, 0, 30)), InvalidOptionError, "by 1000 if"),
+        (lambda: lg.Body.box("a", AXES[0], pose=AXES[0]), TypeError, "use center$"),
+    ],
+)
+def test_an_argument_of_another_type_is_answered(
+    call: Any, error: type[Exception], said: str
+) -> None:
+    with pytest.raises(error, match=said):
+        call()
+
+
+@pytest.mark.parametrize("option", ["units", "up", "size"])
+@pytest.mark.parametrize("solid", [MESH, lg.shapes.box(size=0.06)])
+def test_an_option_of_files_is_refused_for_an_object_in_memory(solid: Any, option: str) -> None:
+    value = {"units": "mm", "up": "y", "size": 0.06}[option]
+    grasp = jaw_grasp(lg.Hand.load("wsg50"), np.zeros(3), 0.06)
+    for call in (lg.plan, partial(lg.explore, prober="kinematic"), lg.lift):
+        arguments = ("wsg50", *([grasp] if call is lg.lift else []))
+        with pytest.raises(InvalidOptionError, match=f"^{option} is for .* in memory"):
+            call(solid, *arguments, **{option: value})
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1000.0, "mm"), (100.0, "cm")])
+def test_a_mesh_in_memory_of_another_unit_is_told_its_scale(scale: float, unit: str) -> None:
+    large = MESH.copy().apply_scale(scale)
+    with pytest.raises(InvalidMeshError, match=rf"apply_scale\({1 / scale:g}\) if it is in {unit}"):
+        lg.plan(large, "wsg50")
+
+
+def test_the_next_touch_reads_what_an_estimate_reads() -> None:
+    choose = partial(lg.next_touch, hand="wsg50", support_height=-0.03)
+    touch, again = choose(CONTACTS), choose(np.asarray(CONTACTS))
+    np.testing.assert_array_equal(touch.probe.target, again.probe.target)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("mass", "500 g", "a number in kg"),
+        ("size", "80 mm", "a number in m"),
+        ("max_seconds", "5 min", "a number in s"),
+        ("friction", "50 %", "a number;"),
+        ("estimator", 3, "a name, my.module:Class, or a function"),
+        ("views", 3, "a list of texts"),
+        ("cloud", np.eye(3), "the path of a file"),
+        (
+            "world",
+            (lg.Body.box("a", AXES[3] + 1.1, AXES[0]),),
+            "the path of a file or of type Surr",
+        ),
+        ("pose", np.eye(4), "a name or the path of a file"),
+        ("hand", "", "a text that is not empty"),
+    ],
+)
+def test_a_value_of_another_type_is_told_its_type_and_unit(
+    option: str, value: Any, said: str
+) -> None:
+    with pytest.raises(InvalidOptionError, match=f"^{option} must be {said}"):
+        lg.Task.of("box", **{option: value})
+
+
+def _misuse(line: str, capsys: pytest.CaptureFixture[str]) -> str:
+    with suppress(SystemExit):
+        assert main(line.split()) == 2
+    return capsys.readouterr().err
+
+
+def test_a_switch_takes_no_value_and_has_no_opposite(capsys: pytest.CaptureFixture[str]) -> None:
+    (verbs,) = (a.choices for a in build_parser("run")._actions if isinstance(a.choices, dict))
+    switches = [
+        a.option_strings[0] for a in verbs["run"]._actions if a.nargs == 0 and a.const is True
+    ]
+    assert {"--camera", "--unknown", "--fresh"} <= {*switches}
+    for flag in switches:
+        assert f"{flag} takes no value; it has '1'" in _misuse(f"run box {flag}=1", capsys)
+        assert f": {flag} is off unless" in _misuse(f"run box --no-{flag[2:]}", capsys)
+        assert f": {flag} takes no value" in _misuse(f"explore box {flag} a.yaml", capsys)
+
+
+def test_values_beyond_one_units_and_assignments_are_answered(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for flag, unit in (("--mass", "kg"), ("--size", "m"), ("--max-seconds", "s")):
+        assert f"{flag} must be a number in {unit}; it is '5x'" in _misuse(
+            f"explore box {flag} 5x", capsys
+        )
+        assert f": {flag} takes one value" in _misuse(f"explore box {flag} 1 2 3", capsys)
+        name = flag[2:].replace("-", "_")
+        for word in (f"{name}=5", f"+{name}=5", f"{flag[2:]}=5"):
+            assert f"write {flag} 5 for {word};" in _misuse(f"run box {word}", capsys)
+    said = _misuse("--hand wsg50 run box", capsys)
+    assert "options come after VERB: write lis-grasp run before --hand" in said

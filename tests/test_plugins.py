@@ -7,10 +7,12 @@ import sys
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import lis_grasp as lg
 from lis_grasp import Contacts, Hand, pipeline, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import (
@@ -30,6 +32,7 @@ from lis_grasp_studies.study.trial import Setup, Trial, row_key
 
 tomllib = pytest.importorskip("tomllib")
 
+AXIAL = Contacts(0.03 * np.vstack([np.eye(3), -np.eye(3)]), np.vstack([np.eye(3), -np.eye(3)]))
 EXAMPLE = Path(__file__).parents[1] / "examples" / "own_package"
 OWN = """
 class Flat:
@@ -178,6 +181,55 @@ def test_an_edited_plug_in_is_another_row(own_module: Path) -> None:
     own_module.write_text(OWN + "# edited\n", encoding="utf-8")
     assert row_key(trial, "own_surfaces:Flat") != before
     assert row_key(trial, "blend") == ours
+
+
+def test_a_file_s_name_is_answered_by_the_module_s(own_module: Path) -> None:
+    for registry in (ESTIMATOR_NAMES, POLICY_NAMES):
+        with pytest.raises(InvalidOptionError, match=r": write own_surfaces:Flat$"):
+            registry.find("own_surfaces.py:Flat")
+
+
+def two(points: Any, normals: Any) -> None: ...
+def keyword(contacts: Any, *, scale: float) -> None: ...
+def nothing() -> None: ...
+
+
+class Empty: ...
+
+
+@pytest.mark.parametrize("make", [two, keyword, nothing, Empty])
+def test_what_takes_other_arguments_is_refused_as_a_task_is_made(make: Any) -> None:
+    taken = {two: "it takes points, normals", nothing: "it takes nothing"}.get(make, "it takes")
+    calls: list[Any] = [
+        lambda: lg.Task.of("box", estimator=make),
+        lambda: lg.estimate(AXIAL, make),
+        lambda: lg.Task.of("box", policy=make),
+    ]
+    for call in calls:
+        with pytest.raises(InvalidOptionError, match=taken):
+            call()
+
+
+def one(contacts: Any) -> None: ...
+def noisy(contacts: Any, position_noise: float, *, normal_noise: float) -> None: ...
+def usual(contacts: Any, scale: float = 1.0) -> None: ...
+def any_number(*contacts: Any, **options: Any) -> None: ...
+
+
+@pytest.mark.parametrize("make", [one, noisy, usual, any_number, partial(two, normals=0)])
+def test_what_can_be_called_with_contacts_and_noise_is_an_estimator(make: Any) -> None:
+    assert lg.Task.of("box", estimator=make).decide.estimator is make
+    if make is not noisy:
+        assert lg.Task.of("box", policy=make).decide.policy is make
+
+
+@pytest.mark.parametrize("name", list(ESTIMATORS))
+def test_the_class_of_an_estimator_is_the_estimator(name: str) -> None:
+    kind = ESTIMATORS[name].__self__  # type: ignore[attr-defined]
+    points = AXIAL.points + 0.004
+    np.testing.assert_array_equal(
+        lg.estimate(AXIAL, kind).evaluate(points), lg.estimate(AXIAL, name).evaluate(points)
+    )
 
 
 POLICY = """

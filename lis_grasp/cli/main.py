@@ -8,26 +8,24 @@ import re
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING
 
 from threadpoolctl import threadpool_limits
 
 from lis_grasp.cli.examples import EXAMPLES, format_examples
 from lis_grasp.cli.importing import import_uncollected, interrupts_after_imports
+from lis_grasp.cli.parser import Parser, not_one_of
 from lis_grasp.cli.progress import complain, open_streams, say
 from lis_grasp.exceptions import (
     InvalidInputError,
     InvalidOptionError,
     LisGraspError,
     LisGraspWarning,
-    nearest_of,
-    shown,
 )
-from lis_grasp.guesses import advice, advice_on_option
 from lis_grasp.version import __version__
 
 if TYPE_CHECKING:
@@ -58,80 +56,9 @@ _VERBS = (
 _CORE_VERBS = tuple(name for name, _, _ in _VERBS)
 
 
-class _Parser(argparse.ArgumentParser):
-    """Parser whose errors are one sentence, without the list of all options."""
-
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        # An option's beginning may be another program's option: --position is no noise.
-        super().__init__(*arguments, **{"allow_abbrev": False, **options})
-        self.register("type", int, _converter(int, "a whole number"))
-        self.register("type", float, _converter(float, "a number"))
-
-    def error(self, message: str) -> NoReturn:
-        message = re.sub(r"^argument (\S+): must", r"\1 must", message)
-        if (missing := re.match(r"argument (--[\w-]+).*: expected ", message)) is not None:
-            (of,) = (a for a in self._actions if missing[1] in a.option_strings)
-            message += f": {(of.help or '').split(';')[0]}"
-        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse arguments; refuse unknown ones here, where the options of a verb are known."""
-        known, unknown = super().parse_known_args(args, namespace)
-        if unknown:
-            options = re.findall(r"--[\w-]+", self.format_usage())
-            flag = next((word for word in unknown if word.startswith("-")), unknown[0])
-            suggestion = self._positional(flag) or advice_on_option(flag.partition("=")[0], options)
-            self.error(f"unrecognized arguments: {' '.join(unknown)}{suggestion}")
-        return known, unknown
-
-    def _positional(self, flag: str) -> str:
-        """Return the end of a message on a name without its flag, or a flag of a name without."""
-        from lis_grasp.robots.shipped_models import READY_ARMS, READY_HANDS
-
-        for option, names in (("--hand", READY_HANDS), ("--arm", READY_ARMS)):
-            if flag in names and option in self.format_usage():
-                return f": use {option} {flag}"
-        own = [str(a.metavar) for a in self._actions if not a.option_strings and a.metavar]
-        name = flag.partition("=")[0].lstrip("-").lower()
-        if flag[:1] != "-":
-            return f": arguments without a flag are {', '.join(own) or 'not taken'}"
-        if flag[:2] != "--" or "-" in name or not own:
-            return ""
-        asked = own[0] if name == "input" else name
-        found = [word for word in own if nearest_of(asked, [word])]
-        return f": {found[0]} is given without a flag" if found else ""
-
-    def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Refuse what is not one of an argument's choices."""
-        if action.choices is not None and value not in action.choices:
-            name = action.option_strings[0] if action.option_strings else str(action.metavar)
-            raise argparse.ArgumentError(None, str(_not_one_of(name, value, action.choices)))
-
-
-def _not_one_of(name: str, value: str, choices: Iterable[str]) -> InvalidOptionError:
-    """Return the error of a value that is not one of some choices, with what to use instead."""
-    answer = advice((f"{name.lower()}s",), value, ())
-    if answer:
-        return InvalidOptionError(f"there is no {name} '{value}'{answer}", option=name, value=value)
-    return InvalidOptionError.not_one_of(name, value, choices)
-
-
-def _converter(kind: type, required: str) -> Callable[[str], Any]:
-    """Return the conversion of an argument to numbers of a kind, with a plain error."""
-
-    def convert(text: str) -> Any:
-        try:
-            return kind(text)
-        except ValueError:
-            message = f"must be {required}; it is {shown(text)}"
-            raise argparse.ArgumentTypeError(message) from None
-
-    return convert
-
-
 def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
     """Return the parser of the command line, with the arguments of one verb, or of every verb."""
-    parser = _Parser(
+    parser = Parser(
         prog="lis-grasp",
         description="Learn an unknown object's shape by touch, and grasp it.",
         epilog="start with: lis-grasp run box --output results/demo (about twenty seconds)",
@@ -139,7 +66,7 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"lis-grasp {__version__}")
     verbs = parser.add_subparsers(metavar="VERB", required=True)
 
-    def add_verb(name: str, text: str, examples: Sequence[tuple[str, str]]) -> _Parser:
+    def add_verb(name: str, text: str, examples: Sequence[tuple[str, str]]) -> Parser:
         return verbs.add_parser(
             name,
             help=text,
@@ -195,7 +122,11 @@ def _run(arguments: Sequence[str] | None) -> int:
             say(build_parser("").format_help().rstrip())
             return 2
         if verb and verb not in _CORE_VERBS and verb not in (names := _verb_registry().names):
-            raise _not_one_of("VERB", verb, names)
+            if arguments[0].startswith("-") and (after := [w for w in arguments if w in names]):
+                raise InvalidInputError(
+                    f"options come after VERB: write lis-grasp {after[0]} before {arguments[0]}"
+                )
+            raise not_one_of("VERB", verb, names)
         options = build_parser(verb).parse_args(arguments)
         # Threads change the order of sums, and thus the last digits of results.
         with threadpool_limits(1), _notes_only(), ExitStack() as options.until_end:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Protocol, cast, runtime_checkable
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from lis_grasp.exploration.region import Region, search_probe
 from lis_grasp.exploration.targets import Targets
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.geometry import AXES
-from lis_grasp.plugins import Guarded, Registry, errors_of
+from lis_grasp.plugins import Guarded, Registry, errors_of, misfit
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
@@ -251,16 +251,40 @@ def find_policy(name: str, space: Workspace) -> Policy:
         If it raises an error.
     """
     make = POLICY_NAMES.find(name)
-    with errors_of(name, make):
-        policy = make(space) if callable(make) else None
-    if not callable(getattr(policy, "next_probe", None)):
-        raise InvalidOptionError(
-            f"policy '{name}' must make an object with next_probe from a Workspace; it is of type"
-            f" {type(make).__name__}",
-            option="policy",
-            value=name,
-        )
+
+    def call() -> Any:
+        with errors_of(name, make):
+            return make(space)
+
+    policy = made_policy(make, name, call)
     return cast(Policy, Guarded(name, policy, {"next_probe": (Probe, type(None))}))
+
+
+def made_policy(make: Any, name: str, call: Callable[[], Any]) -> Policy:
+    """Return the policy that `call` makes by a function of workspaces.
+
+    Raises `InvalidOptionError` if `make` is no such function, or makes no policy.
+    """
+    require_policy_maker(make, name)
+    policy = call()
+    if not callable(getattr(policy, "next_probe", None)):
+        raise _no_policy(name, f"it makes a {type(policy).__name__}, which has none")
+    return cast(Policy, policy)
+
+
+def require_policy_maker(make: Any, name: str) -> None:
+    """Raise `InvalidOptionError` if an object is no function of a workspace."""
+    wrong = misfit(make) if callable(make) else f"it is of type {type(make).__name__}"
+    if wrong:
+        raise _no_policy(name, wrong)
+
+
+def _no_policy(name: str, wrong: str) -> InvalidOptionError:
+    return InvalidOptionError(
+        f"policy '{name}' must make an object with next_probe from a Workspace; {wrong}",
+        option="policy",
+        value=name,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

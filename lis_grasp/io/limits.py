@@ -108,7 +108,7 @@ def reading(
     except InvalidFileError:
         raise
     except OSError as error:
-        raise InvalidFileError.unreadable(error.filename or path, error) from None
+        raise InvalidFileError.unreadable(Path(error.filename or path), error) from None
     except Exception as error:  # noqa: BLE001
         reason, cure = reason_of(error, kind), getattr(error, "cure", "") or advice
         raise InvalidFileError.of(path, f"cannot be read as {kind} ({reason}): {cure}") from None

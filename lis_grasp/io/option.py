@@ -16,7 +16,7 @@ import pydantic.dataclasses
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from typing_extensions import dataclass_transform
 
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import UNIT_NAMES, InvalidOptionError
 
 Check = Callable[[str, Any], Any]
 """Returns the value to keep of an option's name and value, or raises `InvalidOptionError`."""
@@ -31,6 +31,11 @@ _REQUIRED: Mapping[type, str] = {
     float: "a number",
     tuple: "a list of numbers",
 }
+
+# What a text is, by the name of the value in the help.
+_NAMES = {"FILE": "the path of a file"} | dict.fromkeys(
+    ("HAND", "ARM", "POSE"), "a name or the path of a file"
+)
 
 _T = TypeVar("_T")
 
@@ -92,7 +97,8 @@ def record_of_options(cls: type[_T]) -> type[_T]:
                 raise InvalidOptionError.out_of_range(
                     str(name), error["input"], "a list of texts"
                 ) from None
-            raise _wrong(str(name), error["input"], kind) from None
+            others = _classes_of(made, str(name))
+            raise _wrong(str(name), error["input"], kind, declared[name], others) from None
         for name, option in declared.items():
             if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, _permitted(name, value, option))
@@ -138,6 +144,13 @@ def kind_of(record: Any, name: str) -> type:
 
 
 @cache
+def _classes_of(record: Any, name: str) -> tuple[type, ...]:
+    """Return the classes of the package whose objects an option may be, beside plain values."""
+    kinds = get_args(get_type_hints(record)[name])
+    return tuple(kind for kind in kinds if getattr(kind, "__module__", "").startswith("lis_grasp"))
+
+
+@cache
 def items_of(record: Any, name: str) -> type:
     """Return the type of the items of an option that is a tuple: float or str."""
     hint = get_type_hints(record)[name]
@@ -159,8 +172,19 @@ def checked_value(name: str, value: Any, kind: type, check: Check) -> Any:
     return check(name, checked)
 
 
-def _wrong(name: str, value: Any, kind: type) -> InvalidOptionError:
-    return InvalidOptionError.out_of_range(name, value, _REQUIRED[kind])
+def _wrong(
+    name: str, value: Any, kind: type, option: Option | None = None, others: Sequence[type] = ()
+) -> InvalidOptionError:
+    """Return the error of a value of a wrong type; an option may have values of `others` too."""
+    required = _REQUIRED[kind]
+    if option is not None and kind is str and value != "":
+        required = _NAMES.get(str(option.metavar), "a text")
+        if option.registry:
+            required = "a name, my.module:Class, or a function"
+        required = " or ".join((required, *(f"of type {other.__name__}" for other in others)))
+    elif option is not None and isinstance(option.metavar, str):
+        required += f" in {UNIT_NAMES[option.metavar]}" if option.metavar in UNIT_NAMES else ""
+    return InvalidOptionError.out_of_range(name, value, required)
 
 
 def within(required: str, is_within: Callable[[Any], bool]) -> Check:
@@ -189,7 +213,7 @@ def at_least(least: int) -> Check:
 
 def place(name: str, value: Any) -> tuple[float, ...]:
     """Return a place, three finite numbers."""
-    if len(value) != 3 or not np.isfinite(value).all():
+    if np.shape(value) != (3,) or not np.isfinite(value).all():
         raise InvalidOptionError.out_of_range(name, value, "3 finite numbers")
     return tuple(float(x) for x in value)
 

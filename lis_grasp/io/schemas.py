@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -37,10 +38,12 @@ class FileRecord(BaseModel):
     model_config = ConfigDict(extra="allow", strict=True, frozen=True, defer_build=True)
 
 
-def first_mistake(invalid: ValidationError, known: Iterable[str] = ()) -> tuple[str, str]:
+def first_mistake(
+    invalid: ValidationError, known: Mapping[str, Sequence[str]] | None = None
+) -> tuple[str, str]:
     """Return the dotted key of the first wrong value, and what is wrong, to follow the key.
 
-    An unknown key is compared with the `known` ones.
+    An unknown key is compared with the `known` ones, which have their dotted places, outer first.
     """
     errors = invalid.errors(include_url=False)
     first = errors[0]
@@ -53,11 +56,31 @@ def first_mistake(invalid: ValidationError, known: Iterable[str] = ()) -> tuple[
         key += f".{first['ctx']['discriminator']}".replace("'", "")
         return key, f"must be one of {choices}; it is {shown(tag)}" if choices else "is missing"
     if first["type"] == "extra_forbidden":
-        return key, f"is an unknown key{nearest_of(place[-1], known)}"
+        return key, f"is an unknown key{_place_of(str(place[-1]), known or {})}"
     reason = re.sub(r"^\w+ should", "must", first["msg"].removeprefix("Value error, "))
     reason = re.sub(r"valid dictionary( or instance of \w+)?", "mapping", reason)
     reason = reason.replace(" after validation", "")
     return key, f"{reason}; it is {shown(first['input'])}"
+
+
+def _place_of(key: str, known: Mapping[str, Sequence[str]]) -> str:
+    """Return the clause about the place of a key that is known, or about a similar one."""
+    if key in known:
+        return f" there: write {known[key][-1]}"
+    near = nearest_of(key, known)
+    return re.sub(r"'(.*)'", lambda match: f"'{known[match[1]][0]}'", near)
+
+
+def _places(schema: Mapping[str, Any], records: Mapping[str, Any], at: str) -> Iterator[str]:
+    """Yield the dotted places of the keys of a JSON schema and of the records in it."""
+    for key, value in schema.get("properties", {}).items():
+        yield at + key
+        for kind in (value, *value.get("anyOf", ())):
+            name, inner = f"{at}{key}.", kind.get("additionalProperties")
+            if isinstance(inner, Mapping):  # a mapping whose own keys are free
+                name, kind = f"{name}NAME.", inner
+            record = kind.get("$ref", "").rpartition("/")[2]
+            yield from _places(records.get(record, {}), records, name)
 
 
 def _misspelt(errors: Sequence[ErrorDetails], mapping: tuple[int | str, ...]) -> str:
@@ -83,8 +106,11 @@ def parse_entry(
         return schema.model_validate(document)
     except ValidationError as invalid:
         described = schema.model_json_schema()
-        records = [described, *described.get("$defs", {}).values()]
-        key, reason = first_mistake(invalid, {k for r in records for k in r.get("properties", {})})
+        records = described.get("$defs", {})
+        known = defaultdict(list)
+        for place in sorted(_places(described, records, ""), key=lambda place: place.count(".")):
+            known[place.rpartition(".")[2]].append(place)
+        key, reason = first_mistake(invalid, known)
     raise error(f"{file}: {key or 'the file'} {reason}", file=file, key=key)
 
 

@@ -99,28 +99,40 @@ def require_resolved(path: Path, points: FloatArray) -> None:
 
 
 def require_object_size(
-    what: str, extent: float, metres: float = 1.0, *, stated: bool = False
+    what: str,
+    extent: float,
+    metres: float = 1.0,
+    *,
+    stated: bool = False,
+    in_memory: bool = False,
 ) -> None:
     """Raise `InvalidMeshError` if an extent fits no graspable object; the message names units.
 
-    The extent is in a unit of length `metres`, which its file may have `stated`.
+    The extent is in a unit of length `metres`, which its file may have `stated`. A mesh in memory
+    has no file whose unit could be given.
     """
     if SMALLEST <= extent * metres <= LARGEST:
         return
-    advice = "the file states this unit: scale it in the program that made it"
+    advice = _fitting(extent, in_memory=in_memory)
+    if stated:
+        advice = "the file states this unit: scale it in the program that made it"
     raise InvalidMeshError(
         f"{what} is {extent * metres:.3g} m large when read in {unit_name(metres)}, an object must"
-        f" be {SMALLEST} to {LARGEST} m: {advice if stated else _fitting(extent)}"
+        f" be {SMALLEST} to {LARGEST} m: {advice}"
     )
 
 
-def _fitting(extent: float) -> str:
-    """Return in words the units in which an extent fits an object."""
+def _fitting(extent: float, *, in_memory: bool = False) -> str:
+    """Return in words the units in which an extent fits an object, or scales of a mesh to them."""
     sizes = {name: extent * length for name, length in UNITS.items()}
     for low, high in (_HANDY, (SMALLEST, LARGEST)):
-        fit = [f"{name} (then {size:.3g} m)" for name, size in sizes.items() if low <= size <= high]
+        fit = {name: size for name, size in sizes.items() if low <= size <= high}
+        if fit and in_memory:
+            scales = [f"{UNITS[name]:g}) if it is in {name}" for name in fit]
+            return f"mesh.apply_scale({', or ('.join(scales)}"
         if fit:
-            return f"`units` {' or '.join(fit)} would fit"
+            ways = [f"{name} (then {size:.3g} m)" for name, size in fit.items()]
+            return f"`units` {' or '.join(ways)} would fit"
     return "no unit would fit"
 
 

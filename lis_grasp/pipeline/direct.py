@@ -22,12 +22,14 @@ from lis_grasp.pipeline._arguments import (
     loaded_hand,
     object_name,
     require_one_load,
+    require_options_of_files,
     seed_of,
     shape_of,
 )
 from lis_grasp.results.progress import SILENT, Progress
 from lis_grasp.results.run_results import Run
 from lis_grasp.results.whole_run import run_task
+from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.shape import require_mesh
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.lift import lift_object
@@ -36,6 +38,8 @@ from lis_grasp.stages.next_touch import next_touch as choose_touch
 from lis_grasp.stages.plan import plan_grasps
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp.stages.touch import touch
+from lis_grasp.surfaces import ImplicitSurface, load_contacts
+from lis_grasp.surfaces.contact_loading import ContactSource
 from lis_grasp.task.scene_file import is_scene_file, load_scene
 from lis_grasp.task.task import LIFTING, Task, require_options, task_options
 from lis_grasp.typing import Seed
@@ -152,7 +156,7 @@ def explore(
 
 
 def next_touch(
-    contacts: Contacts,
+    contacts: Contacts | ContactSource,
     hand: AnyHand = USUAL_HAND,
     *,
     support_height: float | None = None,
@@ -166,7 +170,8 @@ def next_touch(
     Parameters
     ----------
     contacts
-        Contacts so far, in any frame O with z up; none if the object is in a ``region``.
+        Contacts so far, or what `load_contacts` reads, in any frame O with z up; none if the
+        object is in a ``region``.
     hand
         The hand.
     support_height
@@ -195,6 +200,8 @@ def next_touch(
     ((3,), (4, 4), 'left')
     """
     require_options(options, (*_OF_PLACE, *_OF_TOUCH, "seed", "support_height"))
+    if not isinstance(contacts, Contacts):
+        contacts = _loaded(contacts)
     place = {name: options.pop(name) for name in _OF_PLACE if name in options}
     options["seed"] = seed_of(rng, options)
     task = Task.of(known=True, hand=hand_name(hand), **options)
@@ -251,6 +258,7 @@ def plan(
     require_options(options, (*_LOAD, "grasps", "seed", "support_height"))
     require_one_load(options)
     named, options["seed"] = object_name(mesh), seed_of(rng, options)
+    require_options_of_files(mesh, options)
     task = Task.of(named, known=True, hand=hand_name(hand), **options)
     # An estimate must keep its uncertainty.
     solid = mesh if isinstance(mesh, trimesh.Trimesh) else shape_of(mesh, task.world).mesh
@@ -294,19 +302,33 @@ def lift(
     True
     """
     require_options(options, (*_LOAD, "simulator"))
-    if isinstance(hand, Grasp):
-        hand, grasp = None, grasp or hand
+    given = hand if grasp is None else grasp
     if isinstance(object, Grasp):
         raise TypeError("lift(object, grasp) needs the true object before the Grasp")
-    if not isinstance(grasp, Grasp):
+    if not isinstance(given, Grasp):
+        is_hand = grasp is None and isinstance(given, (str, Path, Hand, type(None)))
+        missing = "missing" if is_hand else ""
         raise TypeError(
-            "grasp of lift(object, hand, grasp) must be a Grasp, such as plan(...).best; it is a"
-            f" {type(grasp).__name__}"
+            "grasp of lift(object, hand, grasp) must be a Grasp, such as"
+            f" plan(...).best; it is {missing or f'of type {type(given).__name__}'}"
         )
+    if isinstance(hand, Grasp):
+        hand = None
+    grasp = given
     chosen = grasp.hand if hand is None else hand
     return lift_object(_scenario(object, chosen, {"known": True, **options}), grasp)
 
 
+def _loaded(contacts: ContactSource) -> Contacts:
+    if isinstance(contacts, ImplicitSurface):
+        raise TypeError(
+            "next_touch(contacts, hand) estimates the surface itself; this is of type"
+            f" {type(contacts).__name__}: give its contacts, and the option `estimator`"
+        )
+    return load_contacts(contacts)
+
+
 def _scenario(object_: AnyObject, hand: AnyHand, options: dict[str, Any]) -> Scenario:
     task = Task.of(object_name(object_), hand=hand_name(hand), **options)
+    require_options_of_files(object_, options)
     return Scenario.from_config(task, shape_of(object_, task.world), loaded_hand(hand))

@@ -135,7 +135,7 @@ class TouchService:
         try:
             request = _REQUESTS[kind].model_validate(content)
         except ValidationError as invalid:
-            key, reason = first_mistake(invalid, _REQUESTS[kind].model_fields)
+            key, reason = first_mistake(invalid, {k: [k] for k in _REQUESTS[kind].model_fields})
             raise InvalidInputError(f"{key or 'a request'} {reason}") from None
         if isinstance(request, NextRequest):
             return self._next(request)

@@ -24,7 +24,7 @@ FORMATS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off", ".3mf", ".dae")
 UP_AXES = ("z", "y")
 """Axes that may point up in a mesh file."""
 
-_FARTHEST_OBSTACLE = 50.0  # from the origin [m]: a room; in millimetres it is beyond
+FARTHEST_OBSTACLE = 50.0  # from the origin [m]: a room; in millimetres it is beyond
 # Coordinates beyond this, in whatever unit, are damage.
 _FARTHEST = 1e12
 
@@ -135,9 +135,9 @@ def load_obstacles(path: str | Path) -> trimesh.Trimesh:
     _, vertices, faces, metres, _ = _read(Path(path), None, None)
     corners = vertices[faces.ravel()]
     extent = float(np.abs(corners).max()) * metres
-    if not extent <= _FARTHEST_OBSTACLE:
+    if not extent <= FARTHEST_OBSTACLE:
         raise InvalidMeshError(
-            f"obstacles must be in metres, within {_FARTHEST_OBSTACLE:g} m of the origin; {path}"
+            f"obstacles must be in metres, within {FARTHEST_OBSTACLE:g} m of the origin; {path}"
             f" reaches {extent:.3g}: scale its vertices, by 0.001 if they are in millimetres"
         )
     # Equal vertices are merged.

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from lis_grasp.exceptions import InvalidOptionError, require_positive
+from lis_grasp.exceptions import InvalidOptionError, note, require_positive
 from lis_grasp.typing import FloatArray
 
 GRAVITY = 9.81
@@ -28,8 +28,21 @@ MOST_FRICTION = 100.0
 LARGEST_DENSITY = 2700.0
 """Density of aluminium [kg/m^3]: small objects of unknown material are not denser."""
 
+DENSEST = 22_600.0
+"""Density of osmium [kg/m^3]: a denser object's mass is in another unit, or its mesh is hollow."""
+
 # Objects of the YCB set are files or folders such as `006_mustard_bottle`.
 _YCB_NAME = re.compile(r"\d{3}(-[a-z])?_\w+")
+
+
+def note_density(mass: float, mesh: trimesh.Trimesh) -> None:
+    """Warn of a mass [kg] for which a closed mesh [m] would be denser than any material."""
+    volume = float(mesh.volume)
+    if mass > DENSEST * volume > 0.0:
+        note(
+            f"mass is in kg: an object of {mass:g} kg and {1e6 * volume:.3g} cm^3 would be denser"
+            " than osmium; check the unit, or whether the mesh is hollow"
+        )
 
 
 def require_load(*, mass: float, friction: float) -> None:

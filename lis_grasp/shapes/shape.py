@@ -35,7 +35,7 @@ def require_mesh(what: str, mesh: object) -> trimesh.Trimesh:
         raise InvalidMeshError(
             f"{what} must be a mesh with faces, such as extract_mesh(surface); it is {shown(mesh)}"
         )
-    require_object_size(what, float(mesh.extents.max()))
+    require_object_size(what, float(mesh.extents.max()), in_memory=True)
     return mesh
 
 

@@ -30,6 +30,7 @@ from lis_grasp.guesses import advice_on_keyword
 from lis_grasp.io.option import SPREAD
 from lis_grasp.io.units import LARGEST
 from lis_grasp.meshing import extract_mesh
+from lis_grasp.plugins import qualified_name
 from lis_grasp.records import Record
 from lis_grasp.stages.views_prior import ViewsPrior
 from lis_grasp.surfaces import ContactVerdicts, Estimator, ImplicitSurface, judge_contacts
@@ -53,6 +54,7 @@ from lis_grasp.surfaces.estimators import (
     accepted_options,
     few_contacts,
     find_estimator,
+    maker_of,
     require_noise_below_size,
     require_signs,
 )
@@ -122,7 +124,8 @@ class Perception:
         """
         sensor, noise = self.sensor, dict(self.options)
         if not isinstance(self.estimator, str):
-            return partial(self.estimator, **noise) if noise else self.estimator
+            make = maker_of(self.estimator, qualified_name(self.estimator))
+            return partial(make, **noise) if noise else make
         known = {"position_noise": sensor.position_noise, "normal_noise": sensor.normal_noise}
         noise |= {kind: value for kind, value in known.items() if value}
         return partial(find_estimator(self.estimator), **noise)
@@ -318,7 +321,10 @@ def estimate(
             " and their normals are the first argument together, estimate((points, normals))"
         )
         raise InvalidOptionError(message, option="estimator", value=estimator)
-    make = find_estimator(estimator) if isinstance(estimator, str) else estimator
+    if isinstance(estimator, str):
+        make = find_estimator(estimator)
+    else:
+        make = maker_of(estimator, qualified_name(estimator))
     _require_accepted(make, str(estimator), options)
     require_noise_below_size(contacts, options.get("position_noise"))
     if isinstance(spread := options.get("normal_noise"), int | float):

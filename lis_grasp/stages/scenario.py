@@ -19,6 +19,7 @@ from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.records import reduce_record
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import NAMES, Shape, default_mass, draw_pose, find, placed
+from lis_grasp.shapes.object_mass import note_density
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.configured_arm import station_facts
 from lis_grasp.stages.looking import views_of
@@ -130,6 +131,7 @@ class Scenario:
         if recorded is None:
             require_apart(surroundings, shape)
         mass = default_mass(shape.mesh, world.object) if world.mass is None else world.mass
+        note_density(mass, shape.mesh)
         X_EO = _pose("X_EO", poses.get("X_EO"))
         return cls(task, Truth(shape, mass, world.friction, X_WO, X_EO, surroundings), agent)
 

@@ -31,7 +31,7 @@ from lis_grasp.exploration import (
     explore_steps,
 )
 from lis_grasp.exploration.disturbance import Disturbance, DisturbingProber
-from lis_grasp.exploration.policy import POLICY_NAMES, PolicyKind, find_policy
+from lis_grasp.exploration.policy import POLICY_NAMES, PolicyKind, find_policy, made_policy
 from lis_grasp.exploration.prior import NOTHING, PriorKnowledge, with_touched
 from lis_grasp.exploration.stopping import (
     StopRule,
@@ -40,6 +40,7 @@ from lis_grasp.exploration.stopping import (
     stop_when_covered,
     stop_when_graspable,
 )
+from lis_grasp.plugins import qualified_name
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.contact_sources import prior_contacts
 from lis_grasp.stages.estimate import Perception, SurfaceEstimate
@@ -163,7 +164,7 @@ def make_policy(
     if isinstance(space, Region):
         return RegionPolicy(space, partial(make_policy, policy, sensor=sensor))
     if not isinstance(policy, str):
-        return policy(space)
+        return made_policy(policy, qualified_name(policy), lambda: policy(space))
     kind = POLICY_NAMES.find(policy)
     if not isinstance(kind, PolicyKind):
         return find_policy(policy, space)

@@ -12,7 +12,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.plugins import Guarded, Registry, errors_of
+from lis_grasp.plugins import Guarded, Registry, errors_of, misfit
 from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
 from lis_grasp.surfaces.contact_verdicts import judge_contacts
 from lis_grasp.surfaces.gaussian_process_implicit_surface import GaussianProcessImplicitSurface
@@ -52,6 +52,7 @@ ESTIMATOR_NAMES = Registry("estimator", ESTIMATORS)
 FEW_CONTACTS = 10
 """Contacts below which hardly more than position and size of an object is known."""
 
+_NOISE = ("position_noise", "normal_noise")
 _MEMBERS = ("evaluate", "gradient", "uncertainty", "bounds")
 _SIGN_STEP = 1e-3  # from a contact along its normal, in extents of the contacts
 
@@ -78,7 +79,7 @@ class PluggedEstimator:
         Raises `PluginError` if the estimator or its surface raises an error of its own, and
         `InvalidOptionError` if what is returned is no `ImplicitSurface`.
         """
-        noise = {name: options.get(name) for name in ("position_noise", "normal_noise")}
+        noise = {name: options.get(name) for name in _NOISE}
         contacts = judge_contacts(contacts, **noise).credible
         with errors_of(self.name, self.make):
             surface = self.make(contacts, **accepted_options(self.make, options))
@@ -171,15 +172,24 @@ def find_estimator(
     found = registry.find(name, option=option)
     if name in registry.builtin:
         return found  # type: ignore[no-any-return]
-    make = getattr(found, "from_contacts", found)
-    if not callable(make):
+    return PluggedEstimator(name, maker_of(found, name, option=option))
+
+
+def maker_of(estimator: Any, name: str, *, option: str = "") -> Estimator:
+    """Return the function of contacts that an estimator is, or that a class has as from_contacts.
+
+    Raises `InvalidOptionError` if it has none, or one of other arguments.
+    """
+    make = getattr(estimator, "from_contacts", estimator)
+    wrong = misfit(make, *_NOISE) if callable(make) else f"it is of type {type(make).__name__}"
+    if wrong:
         raise InvalidOptionError(
-            f"estimator '{name}' must be a class with from_contacts, or a function of contacts; it"
-            f" is of type {type(found).__name__}",
+            f"estimator '{name}' must be a class with from_contacts, or a function of contacts;"
+            f" {wrong}",
             option=option or "estimator",
             value=name,
         )
-    return PluggedEstimator(name, make)
+    return cast(Estimator, make)
 
 
 def accepted_options(make: Callable[..., Any], options: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,18 +6,23 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from lis_grasp.exploration.policy import POLICY_NAMES
+from lis_grasp.exploration.policy import POLICY_NAMES, PolicyKind, require_policy_maker
 from lis_grasp.io.option import (
     FRACTION,
     NOT_LARGE,
     POSITIVE,
     PROBABILITY,
     at_least,
-    named,
     option,
     record_of_options,
 )
-from lis_grasp.surfaces.estimators import ESTIMATOR_MEANINGS, ESTIMATOR_NAMES, find_estimator
+from lis_grasp.plugins import qualified_name
+from lis_grasp.surfaces.estimators import (
+    ESTIMATOR_MEANINGS,
+    ESTIMATOR_NAMES,
+    find_estimator,
+    maker_of,
+)
 from lis_grasp.task.option_groups import GRASPING, SURFACE, TOUCHING
 
 POLICY_MEANINGS: Mapping[str, str] = MappingProxyType(
@@ -39,6 +44,18 @@ TOUCHES_AFTER_A_VIEW = 5
 """Touches that are made by default of an object that a camera saw before."""
 
 
+def _estimator(name: str, value: Any) -> Any:
+    find_estimator(value) if isinstance(value, str) else maker_of(value, qualified_name(value))
+    return value
+
+
+def _policy(name: str, value: Any) -> Any:
+    make = POLICY_NAMES.find(value) if isinstance(value, str) else value
+    if not isinstance(make, PolicyKind):
+        require_policy_maker(make, value if isinstance(value, str) else qualified_name(value))
+    return value
+
+
 @record_of_options
 class Decide:
     """The estimator, the policy, the stop rules, the plan and the attempts.
@@ -54,7 +71,7 @@ class Decide:
         "surface estimator",
         SURFACE,
         metavar="NAME",
-        check=named(find_estimator),
+        check=_estimator,
         registry=ESTIMATOR_NAMES,
         meanings=ESTIMATOR_MEANINGS,
     )
@@ -74,7 +91,7 @@ class Decide:
         "choice of the next touch",
         TOUCHING,
         metavar="NAME",
-        check=named(POLICY_NAMES.find),
+        check=_policy,
         registry=POLICY_NAMES,
         meanings=POLICY_MEANINGS,
     )

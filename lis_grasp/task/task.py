@@ -22,6 +22,7 @@ from lis_grasp.io.option import (
     options_of,
     within,
 )
+from lis_grasp.plugins import qualified_name
 from lis_grasp.shapes import STABLE
 from lis_grasp.task.decide import TOUCHES_AFTER_A_VIEW, Decide
 from lis_grasp.task.known import Known
@@ -229,7 +230,7 @@ def plain_value(value: Any) -> Any:
         return list(value)
     if isinstance(value, Surroundings):
         return listed([body.name for body in value])
-    return f"{value.__module__}:{value.__qualname__}" if callable(value) else value
+    return qualified_name(value) if callable(value) else value
 
 
 def _known_with(given: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ An image is a PNG of 16 bits in millimetres, or a NumPy array in metres, of dept
 axis; a PCD file with rows and columns has points, and its viewpoint is the pose of the camera. A
 bag is read by `logs.depth_images`. The YAML file of the camera has what the image does not say::
 
-    intrinsics: {fx: 615.0, fy: 615.0, cx: 319.5, cy: 239.5}   # or K: three rows of a matrix
+    intrinsics: {fx: 615.0, fy: 615.0, cx: 319.5, cy: 239.5}   # or K: three rows, or its 9 numbers
     pose: [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0.6], [0, 0, 0, 1]]   # on the table
     pixel_center: 0        # of the first pixel: 0, or 0.5 as in Drake's RgbdSensor
     depth_unit: mm         # of the image: m, mm, or metres for a step of it
@@ -36,6 +36,7 @@ from lis_grasp.views.organised_clouds import depth_of_points
 _UNITS = {"m": 1.0, "mm": 1e-3}
 _OF_BAGS = ("topic", "frame")
 _KEYS = ("intrinsics", "K", "pose", "pixel_center", "depth_unit", "mask", "hand_eye", *_OF_BAGS)
+_INNER = {"intrinsics": ("fx", "fy", "cx", "cy"), "hand_eye": ("position", "rotation_degrees")}
 # Pixels of an image at most.
 _MOST_PIXELS = 50_000_000
 # Depths of a table before a robot [m]: other ones are in another unit.
@@ -115,7 +116,10 @@ def camera_facts(camera: Path | None) -> Mapping[str, Any]:
         raise InvalidFileError(f"{camera} must have keys such as intrinsics", path=camera)
     unknown = sorted(str(key) for key in facts if key not in _KEYS)
     if unknown:
-        message = f"{camera} has the unknown key {unknown[0]}: it may have {', '.join(_KEYS)}"
+        key = unknown[0]
+        outer = [name for name, inner in _INNER.items() if key in inner]
+        cure = f"it belongs to {outer[0]}" if outer else f"it may have {', '.join(_KEYS)}"
+        message = f"{camera} has the unknown key {key}: {cure}"
         raise InvalidFileError(message, path=camera, field=unknown[0])
     return facts
 
@@ -171,7 +175,10 @@ def _intrinsics(camera: Path, facts: Mapping[str, Any], shape: tuple[int, int]) 
         message = f"{camera} must have either intrinsics (fx, fy, cx, cy) or K, a matrix of 3 x 3"
         raise InvalidFileError(message, path=camera, field="intrinsics")
     if "K" in facts:
-        matrix = _numbers(camera, "K", facts["K"], (3, 3))
+        given = facts["K"]
+        if isinstance(given, list) and len(given) == 9:  # as ROS writes it
+            given = [given[:3], given[3:6], given[6:]]
+        matrix = _numbers(camera, "K", given, (3, 3))
         if matrix[2, 2] != 1.0 or matrix[2, :2].any() or matrix[0, 1] or matrix[1, 0]:
             swapped = not matrix[:2, 2].any() and matrix[2, :2].any()
             cure = "it is transposed" if swapped else "skew and scale are not supported"
@@ -179,10 +186,7 @@ def _intrinsics(camera: Path, facts: Mapping[str, Any], shape: tuple[int, int]) 
             raise InvalidFileError(message, path=camera, field="K")
         values = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]])
     else:
-        given = facts["intrinsics"]
-        names = ("fx", "fy", "cx", "cy")
-        row = [given.get(name) for name in names] if isinstance(given, Mapping) else given
-        values = _numbers(camera, "intrinsics", row, (4,))
+        values = _row(camera, "intrinsics", facts["intrinsics"])
     center = facts.get("pixel_center", 0)
     if center not in (0, 0.5):
         message = f"{camera}: pixel_center must be 0 or 0.5; it is {shown(center)}"
@@ -197,6 +201,18 @@ def _intrinsics(camera: Path, facts: Mapping[str, Any], shape: tuple[int, int]) 
     return Intrinsics(fx, fy, cx - center, cy - center)
 
 
+def _row(camera: Path, field: str, value: Any) -> FloatArray:
+    """Return the numbers of a mapping, in the order of its keys in `_INNER`, or of a list."""
+    names = _INNER[field]
+    if isinstance(value, Mapping):
+        absent = [name for name in names if value.get(name) is None]
+        if absent:
+            message = f"{camera}: {field} must have {', '.join(names)}; it lacks {absent[0]}"
+            raise InvalidFileError(message, path=camera, field=field)
+        value = [value[name] for name in names]
+    return _numbers(camera, field, value, (len(names),))
+
+
 def _numbers(camera: Path, field: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
     try:
         array = np.array(value, dtype=np.float64)
@@ -204,7 +220,8 @@ def _numbers(camera: Path, field: str, value: Any, shape: tuple[int, ...]) -> Fl
         array = np.empty(0)
     if array.shape != shape or not np.isfinite(array).all():
         size = " x ".join(map(str, shape))
-        message = f"{camera}: {field} must be {size} finite numbers; it is {shown(value)}"
+        what = "missing" if value is None else shown(value)
+        message = f"{camera}: {field} must be {size} finite numbers; it is {what}"
         raise InvalidFileError(message, path=camera, field=field)
     return array
 
@@ -212,9 +229,7 @@ def _numbers(camera: Path, field: str, value: Any, shape: tuple[int, ...]) -> Fl
 def _hand_eye(camera: Path, value: Any) -> HandEye:
     if value is None:
         return HandEye(0.0, 0.0)
-    names = ("position", "rotation_degrees")
-    row = [value.get(name) for name in names] if isinstance(value, Mapping) else value
-    position, degrees = _numbers(camera, "hand_eye", row, (2,)).tolist()
+    position, degrees = _row(camera, "hand_eye", value).tolist()
     return HandEye(position, float(np.deg2rad(degrees)))
 
 

@@ -13,9 +13,11 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidOptionError, listed
 from lis_grasp.geometry import apply_pose, inverse_pose
-from lis_grasp.guesses import Answering
+from lis_grasp.guesses import Answering, with_advice
+from lis_grasp.io.option import place
 from lis_grasp.records import FrozenArrays, reduce_record
 from lis_grasp.robots.robot_model import Inertial, LinkGeometry
+from lis_grasp.shapes.loading import FARTHEST_OBSTACLE
 from lis_grasp.shapes.mesh_distance import MeshTree, winding_numbers
 from lis_grasp.shapes.object_mass import USUAL_FRICTION
 from lis_grasp.typing import BoolArray, FloatArray
@@ -45,6 +47,7 @@ class Body(FrozenArrays):
     friction: float = USUAL_FRICTION  #: Coulomb's coefficient, with all that touches it
 
     @classmethod
+    @with_advice
     def box(
         cls,
         name: str,
@@ -54,6 +57,17 @@ class Body(FrozenArrays):
         mass: float | None = None,
     ) -> Body:
         """Return a box of sides along E's axes about a centre [m]; with a mass [kg] it is free."""
+        place("sides", sides), place("center", center)
+        if min(sides) <= 0.0:
+            raise InvalidOptionError.out_of_range("sides", sides, "above 0")
+        reach = float(np.max(np.abs(center) + np.divide(sides, 2.0)))
+        if reach > FARTHEST_OBSTACLE:
+            raise InvalidOptionError(
+                f"a body must be in metres, within {FARTHEST_OBSTACLE:g} m of the origin; {name}"
+                f" reaches {reach:.3g}: divide sides and center by 1000 if they are in millimetres",
+                option="sides",
+                value=sides,
+            )
         mesh = trimesh.creation.box(extents=sides)
         inertial = None
         if mass is not None:

@@ -3,10 +3,12 @@
 import pytest
 import trimesh
 
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, LisGraspWarning
 from lis_grasp.grasping.grasps import LoadPrior
-from lis_grasp.shapes import default_mass
-from lis_grasp.shapes.object_mass import require_load, ycb_masses
+from lis_grasp.shapes import NAMES, default_mass, find
+from lis_grasp.shapes.object_mass import note_density, require_load, ycb_masses
+from lis_grasp.stages.scenario import Scenario
+from lis_grasp.task.task import Task
 
 BRICK = trimesh.creation.box((0.1, 0.1, 0.1))
 
@@ -37,3 +39,20 @@ def test_friction_is_above_0_and_at_most_100(friction: float) -> None:
         with pytest.raises(InvalidOptionError) as error:
             make(friction)
         assert error.value.option == "friction"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_mass_in_grams_is_noted_and_the_same_in_kilograms_is_not(name: str) -> None:
+    shape = find(name)
+    mass = default_mass(shape.mesh)
+    task = Task.of(name, known=True, mass=mass)
+    assert Scenario.from_config(task, shape).truth.mass == mass
+    with pytest.warns(LisGraspWarning, match="mass is in kg.*denser than osmium; check the unit"):
+        Scenario.from_config(task.having(mass=1000.0 * mass), shape)
+
+
+def test_the_densest_object_without_a_note_is_of_osmium() -> None:
+    litre = trimesh.creation.box([0.1, 0.1, 0.1])
+    note_density(22.5, litre)
+    with pytest.warns(LisGraspWarning):
+        note_density(22.7, litre)

@@ -1,6 +1,7 @@
 """Worlds of files: directives, scenarios, models and meshes, what is left out, what is refused."""
 
 import os
+import re
 import warnings
 from pathlib import Path
 
@@ -223,6 +224,19 @@ def test_a_world_that_cannot_be_used_is_refused(
     )
     with pytest.raises(error):
         load_surroundings(_scene(bench, text))
+
+
+@pytest.mark.parametrize("absolute", [False, True])
+def test_a_path_that_is_no_url_gets_the_url_that_is_read(bench: Path, absolute: bool) -> None:
+    given = str(bench / "wall.sdf") if absolute else "wall.sdf"
+    weld = "- add_weld: {parent: world, child: 'a::wall_link'}\n"
+    with pytest.raises(InvalidFileError) as caught:
+        load_surroundings(_scene(bench, f"- add_model: {{name: a, file: {given}}}\n{weld}"))
+    (url,) = re.findall(r"write (file://\S+),", str(caught.value))
+    (body,) = load_surroundings(_scene(bench, f"- add_model: {{name: a, file: '{url}'}}\n{weld}"))
+    package = _scene(bench, f"- add_model: {{name: a, file: 'package://bench/wall.sdf'}}\n{weld}")
+    (same,) = load_surroundings(package)
+    np.testing.assert_array_equal(body.mesh.vertices, same.mesh.vertices)
 
 
 def test_nothing_is_downloaded_or_left_in_the_environment(

@@ -123,3 +123,22 @@ def test_a_task_with_other_options_is_checked_again() -> None:
     with pytest.raises(TypeError, match="tuoches"):
         TASK.having(tuoches=3)
     assert replace(TASK, seed=6) == TASK.having(seed=6)
+
+
+def test_an_option_in_a_wrong_part_is_told_its_own(tmp_path: Path) -> None:
+    for part, record in PARTS.items():
+        for name in options_of(record):
+            for wrong in {*PARTS} - {part, name} | {""}:
+                if not wrong and name in PARTS:  # a part
+                    continue
+                content = {wrong: {name: 1}} if wrong else {name: 1}
+                (tmp_path / "a.yaml").write_text(yaml.safe_dump(content))
+                with pytest.raises(InvalidSceneError, match=rf"there: write {part}\.{name}$"):
+                    lg.load_scene(tmp_path / "a.yaml")
+
+
+def test_a_misspelt_key_gets_the_place_of_the_right_one(tmp_path: Path) -> None:
+    for content, place in (("touchs: 3", "decide.touches"), ("robot: {hnd: x}", "robot.hand")):
+        (tmp_path / "a.yaml").write_text(content)
+        with pytest.raises(InvalidSceneError, match=f"did you mean '{place}'"):
+            lg.load_scene(tmp_path / "a.yaml")

@@ -72,6 +72,31 @@ def test_an_array_and_a_matrix_are_read_exactly(view: DepthView, tmp_path: Path)
     assert read.intrinsics == view.intrinsics
 
 
+def test_the_nine_numbers_of_ros_are_the_three_rows(view: DepthView, tmp_path: Path) -> None:
+    matrix = np.array([[385.0, 0.0, 319.5], [0.0, 385.0, 239.5], [0.0, 0.0, 1.0]])
+    for given in (matrix.tolist(), matrix.ravel().tolist()):
+        read = load_image(*_write(tmp_path, view, intrinsics=None, K=given))
+        assert read.intrinsics == view.intrinsics
+
+
+@pytest.mark.parametrize("name", [*K, "position", "rotation_degrees"])
+def test_a_key_outside_its_mapping_or_missing_in_it_is_answered(
+    name: str, view: DepthView, tmp_path: Path
+) -> None:
+    outer = "intrinsics" if name in K else "hand_eye"
+    with pytest.raises(InvalidFileError, match=f"unknown key {name}: it belongs to {outer}$"):
+        load_image(*_write(tmp_path, view, **{name: 1.0}))
+    whole = K if name in K else {"position": 0.0, "rotation_degrees": 0.0}
+    rest = {key: value for key, value in whole.items() if key != name}
+    with pytest.raises(InvalidFileError, match=f"{outer} must have .*; it lacks {name}$"):
+        load_image(*_write(tmp_path, view, **{outer: rest}))
+
+
+def test_a_pose_that_is_not_there_is_called_missing(view: DepthView, tmp_path: Path) -> None:
+    with pytest.raises(InvalidFileError, match="pose must be 4 x 4 finite numbers; it is missing"):
+        load_image(*_write(tmp_path, view, pose=None))
+
+
 def test_an_archive_keeps_every_bit(view: DepthView, tmp_path: Path) -> None:
     save_view(view, tmp_path / "view.npz")
     assert load_view(tmp_path / "view.npz") == view

@@ -43,7 +43,7 @@ def load_directives(path: Path, scenario: str | None, packages: PackageMap) -> M
         directives = FlattenModelDirectives(directives, packages).directives
     robots = set(content.get("model_drivers") or {})
     models = [d.add_model for d in directives if d.add_model is not None]
-    lacking = {m.name: file for m in models if (file := _lacking_file(m, packages))}
+    lacking = {m.name: file for m in models if (file := _lacking_file(path, m, packages))}
     lacking = {name: file for name, file in lacking.items() if name not in robots}
     gone = _with_placed_on(directives, robots | set(lacking))
     names = [model.name for model in models]
@@ -110,11 +110,19 @@ def _content_of(path: Path, scenario: str | None) -> Mapping[str, Any]:
     return found[scenario]
 
 
-def _lacking_file(model: AddModel, packages: PackageMap) -> str | None:
+def _lacking_file(path: Path, model: AddModel, packages: PackageMap) -> str | None:
     """Return the first file of a model that is not on this disk; None if none lacks.
 
-    Raises `InvalidFileError` for a missing file in a package that is here, which is a mistake.
+    Raises `InvalidFileError` for a missing file in a package that is here, or for a path that is no
+    URL: both are mistakes.
     """
+    if "://" not in model.file:
+        raise InvalidFileError(
+            f"the file of model '{model.name}' must be a URL, which Drake reads; it is"
+            f" {model.file}: write file://{path.resolve().parent / model.file}, or a package://",
+            path=path,
+            field="directives",
+        )
     try:
         file = Path(packages.ResolveUrl(model.file))
     except RuntimeError:
