@@ -61,6 +61,9 @@ class Region:
         Along x, y and z [m].
     tip_radius
         Radius of the fingertips that touch [m].
+    around
+        Width of the free space around the region in which sweeps begin [m], so that the whole hand
+        comes down outside; none beside known bodies.
 
     Raises
     ------
@@ -70,6 +73,7 @@ class Region:
 
     lengths: Sequence[float] = DEFAULT_REGION
     tip_radius: float = TIP_RADIUS
+    around: float = 0.0
 
     def __post_init__(self) -> None:
         try:
@@ -233,6 +237,7 @@ def _candidates(region: Region, neighbours: Neighbours | None = None) -> list[Pr
     low, high = region.bounds
     radius = region.tip_radius
     lowest = lowest_tip(radius)
+    around = region.around if neighbours is None else 0.0
     probes = []
     for direction in _SWEEPS:
         axis = int(np.argmax(np.abs(direction)))
@@ -242,7 +247,7 @@ def _candidates(region: Region, neighbours: Neighbours | None = None) -> list[Pr
             for height in lowest + np.array(_SWEEP_HEIGHTS):
                 middle = np.zeros(3)
                 middle[across], middle[2] = offset, height
-                probes.append(Probe(middle, direction, half, half))
+                probes.append(Probe(middle, direction, half + around, half))
     for x in _ticks(low[0], high[0]):
         for y in _ticks(low[1], high[1]):
             probes.append(Probe(np.array([x, y, 0.0]), _DOWN, min(0.1, high[2]), 0.0))

@@ -110,7 +110,8 @@ def _planned(
     if strategy.slide and not is_tracked and not len(slides):
         slides = choose_slides(probe, strategy.slide, space, known, state.estimated)
     probe = replace(probe, slides=slides)
-    return NextProbe(probe, ObstacleModel(space, known, state.surface))
+    region = where.bounds if isinstance(where, Region) else None
+    return NextProbe(probe, ObstacleModel(space, known, state.surface, region))
 
 
 def _choose_between(

@@ -172,6 +172,7 @@ class ObstacleModel:
     space: Workspace
     contacts: Contacts
     surface: ImplicitSurface | None  # estimated from the contacts, without free space
+    region: FloatArray | None = None  # (2, 3) [m]: lowest and highest corner of where it can be
 
     def occupies(self, points: FloatArray) -> BoolArray:
         """Return which points (P, 3) [m], in O, are inside known object or table, shape (P,).

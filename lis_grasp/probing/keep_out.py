@@ -44,7 +44,7 @@ class KeepOut:
     def __init__(self, obstacles: ObstacleModel) -> None:
         space, surface = obstacles.space, obstacles.surface
         self._cell = space.size / _CELLS
-        self._space = space
+        self._space, self._region = space, obstacles.region
         #: whether the contacts show the object
         self.is_known = surface is not None and len(obstacles.contacts) >= _FEW
         if surface is None or not self.is_known:
@@ -80,11 +80,15 @@ class KeepOut:
         """Return which points (..., 3) [m] on a hand may touch the object, shape (...).
 
         They are within three standard deviations of the estimate's surface, or, before contacts
-        show the object, in the ball that contains it.
+        show the object, in the ball, and the region, that contain it.
         """
         if not self.is_known:
             space = self._space
-            return np.asarray(np.linalg.norm(points - space.center, axis=-1) < space.radius)
+            inside = np.linalg.norm(points - space.center, axis=-1) < space.radius
+            if self._region is not None:
+                low, high = self._region
+                inside &= np.all((points > low) & (points < high), axis=-1)
+            return np.asarray(inside)
         return self._at(self._slow, points)
 
     def _at(self, values: NDArray[_T], points: FloatArray) -> NDArray[_T]:

@@ -30,6 +30,9 @@ from lis_grasp.task.world import World
 from lis_grasp.typing import FloatArray
 from lis_grasp.world import ALONE, Surroundings
 
+# Width of the table around a region in which sweeps of a hand without an arm begin [m].
+_AROUND = 0.12
+
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class Truth:
@@ -270,10 +273,12 @@ def known_place(shape: Shape, *, on_table: bool = False) -> Workspace:
 def _prior_space(shape: Shape, task: Task) -> Workspace | Region:
     """Return what is known before the first touch: the region, or else the place of the object.
 
-    With a region, nothing of the true object is used.
+    With a region, nothing of the true object is used. The simulated table is free around it, and a
+    hand without an arm begins its sweeps there.
     """
-    region = task.known.region
-    return known_place(shape, on_table=task.on_table) if region is None else Region(region)
+    if task.known.region is None:
+        return known_place(shape, on_table=task.on_table)
+    return Region(task.known.region, around=_AROUND if task.robot.arm is None else 0.0)
 
 
 def _pose(name: str, X: Any) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Probe, ProbeOutcome, Region, RegionPolicy, TargetPolicy
 from lis_grasp.exploration.region import PlaceBelief, search_probe
 from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.probing.keep_out import KeepOut
 from lis_grasp.surfaces import GaussianProcessImplicitSurface
 from lis_grasp.typing import FloatArray
 
@@ -83,6 +86,23 @@ def test_the_first_motion_is_a_low_sweep_through_the_region() -> None:
     assert abs(probe.direction[2]) < 1e-12
     assert 0.0 < probe.start[2] < 0.06
     assert probe.standoff + probe.overshoot >= 0.4
+
+
+def test_a_sweep_begins_outside_by_the_space_that_is_free_around_the_region() -> None:
+    probe = search_probe(Region(around=0.12), [], rng=np.random.default_rng(0))
+    level = np.abs(probe.direction[:2]) > 0.5
+    assert np.abs(probe.start[:2])[level] == pytest.approx(0.2 + TIP + 0.12)
+    assert np.abs(probe.end[:2])[level] == pytest.approx(0.2 + TIP)
+
+
+def test_before_contacts_show_an_object_only_the_region_may_hold_it() -> None:
+    space = REGION.grown(Contacts.empty())
+    inside = np.array([[0.19, 0.0, 0.1], [0.0, 0.0, 0.29]])
+    outside = np.array([[0.21, 0.0, 0.1], [0.0, 0.0, 0.31]])
+    obstacles = ObstacleModel(space, Contacts.empty(), None, REGION.bounds)
+    assert KeepOut(obstacles).may_touch(inside).all()
+    assert not KeepOut(obstacles).may_touch(outside).any()
+    assert KeepOut(replace(obstacles, region=None)).may_touch(outside).all()  # a ball about it
 
 
 def test_a_blocked_motion_is_not_repeated() -> None:
