@@ -155,7 +155,8 @@ def _with_landmark(perception: TactilePerception, state: ExplorationState) -> Ex
     """Return the state with the probe of a landmark that is to be touched again, if there is."""
     if perception.tracker is None:
         return state
-    return replace(state, again=perception.tracker.probe_again(state))
+    again = perception.tracker.probe_again(state)
+    return replace(state, again=again and replace(again, purpose="repeat"))
 
 
 def _without_strays(

@@ -165,7 +165,7 @@ class TargetPolicy:
         if len(outcomes) < len(AXES) and len(contacts) <= made:
             opening = axis_probe(space, outcomes, rng)
             if opening is not None:
-                return opening
+                return replace(opening, purpose="extent")
         if surface is None or not len(contacts):
             return random_pass(space, rng)
         own = searched = DeferredEstimate.of(surface, contacts)
@@ -327,7 +327,8 @@ class RegionPolicy:
     ) -> Probe | None:
         """Return the next probe, or None if the object is nowhere; see `Policy`."""
         if not len(contacts):
-            return search_probe(self.region, outcomes, rng=rng, neighbours=self.neighbours)
+            probe = search_probe(self.region, outcomes, rng=rng, neighbours=self.neighbours)
+            return None if probe is None else replace(probe, purpose="search")
         known = contacts if surface is None else DeferredEstimate.of(surface, contacts).contacts
         space = self.region.grown(known)
         if np.any(np.linalg.norm(contacts.points - space.center, axis=1) > space.radius):
@@ -338,7 +339,7 @@ class RegionPolicy:
         if len(contacts) <= touched:  # no contacts from a camera
             opening = extent_probe(space.fitted_to(contacts), contacts, since, landmarks)
             if opening is not None:
-                return opening
+                return replace(opening, purpose="extent")
         policy = self.make(space)
         if self.neighbours is not None and isinstance(policy, AvoidingPolicy):
             policy = policy.avoiding(self.neighbours)

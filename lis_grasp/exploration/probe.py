@@ -19,6 +19,7 @@ from lis_grasp.records import Record, read_only, short_repr
 from lis_grasp.typing import BoolArray, FloatArray
 
 ProbeStatus = Literal["touched", "missed", "blocked"]
+ProbePurpose = Literal["search", "extent", "repeat", "policy"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +41,9 @@ class Probe(Record):
         Length beyond the target [m].
     slides
         Shape (K, 3) [m], in O: slides of the fingertip, the best first; one may follow.
+    purpose
+        What it is for: to find the object, or its ends, to repeat an earlier touch of an object
+        that may move, or what the policy wants.
 
     Raises
     ------
@@ -52,6 +56,7 @@ class Probe(Record):
     standoff: float
     overshoot: float
     slides: FloatArray = field(default_factory=lambda: np.empty((0, 3)), repr=False)
+    purpose: ProbePurpose = field(default="policy", repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "target", read_only(_vector("target", self.target)))

@@ -21,7 +21,13 @@ from lis_grasp.exploration.beside_rows import (
 from lis_grasp.exploration.disturbance import Disturbance
 from lis_grasp.exploration.observations import Observation
 from lis_grasp.exploration.planar_motion import PoseBelief
-from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, ProbeStatus
+from lis_grasp.exploration.probe import (
+    HandPose,
+    Probe,
+    ProbeOutcome,
+    ProbePurpose,
+    ProbeStatus,
+)
 from lis_grasp.geometry import require_pose
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import Row, append_lines, read_lines
@@ -159,6 +165,7 @@ def _row(probe: LoggedProbe) -> Row:
     names = ("points", "normals", "forces", "fingers", "times")
     noise = {name: getattr(contacts, name) for name in ("position_noise", "normal_noise")}
     row = {n: v for n, v in fields_of(outcome.probe).items() if n != "slides" or len(v)}
+    row |= {} if row.pop("purpose") == "policy" else {"purpose": outcome.probe.purpose}
     row |= {name: getattr(outcome, name) for name in ("status", "reason", "duration", "moved")}
     row |= {name: getattr(contacts, name) for name in names}
     # None for a contact of unknown noise; absent if all are unknown.
@@ -207,7 +214,7 @@ def _probe_of(row: TouchEntry) -> LoggedProbe:
         normal_noise=_array(row.normal_noise),
     )
     motion = np.array(row.target), np.array(row.direction), row.standoff, row.overshoot
-    probe = Probe(*motion, _rows(row.slides))
+    probe = Probe(*motion, _rows(row.slides), row.purpose)
     outcome = ProbeOutcome(
         probe,
         row.status,
@@ -295,6 +302,7 @@ class TouchEntry(FileRecord):
     beside: list[BodyTouchEntry] = Field(default_factory=list)
     refused: list[RefusedEntry] = Field(default_factory=list)
     slides: list[Vector] = Field(default_factory=list)
+    purpose: ProbePurpose = "policy"
     slid: Annotated[int, Field(ge=0)] = 0
     seconds: dict[str, Annotated[float, Field(ge=0.0)]] = Field(default_factory=dict)
     left_at: list[Number] = Field(default_factory=list)

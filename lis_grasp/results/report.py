@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -80,6 +81,7 @@ def exploration_facts(
         "made": exploration.made,
         "contacts": len(contacts),
         "probes": len(exploration.outcomes),
+        "purposes": Counter(outcome.probe.purpose for outcome in exploration.outcomes),
         "ended": exploration.ended,
         "seconds": exploration.duration,
         "search": _search_facts(exploration) if isinstance(agent.space, Region) else None,

@@ -12,6 +12,16 @@ from lis_grasp.exceptions import counted
 from lis_grasp.results.motion_times import times_line
 from lis_grasp.results.placed import place_lines
 
+PURPOSES: Mapping[str, str] = MappingProxyType(
+    {
+        "search": "to find the object",
+        "extent": "for its ends",
+        "repeat": "to track it",
+        "policy": "by the policy",
+    }
+)
+"""What probes are for, in words, by `Probe.purpose`."""
+
 # Below this intersection over union the estimate is called poor.
 _LOW_IOU = 0.8
 # Below this coverage more touches are advised.
@@ -28,7 +38,7 @@ def exploration_lines(facts: dict[str, Any]) -> tuple[str, ...]:
         first = "found     after" if search["found"] else "found     nothing in the region after"
         probes = counted(search["probes"], "probe")
         lines.append(f"{first} {probes}, {search['seconds']:.0f} s of motion")
-    lines += [f"touched   {made} of {asked} contacts{more}, from {facts['probes']} probes"]
+    lines += [f"touched   {made} of {asked} contacts{more}, from {_probes(facts)}"]
     if made < asked:
         lines.append(f"ended     before {asked} contacts: {facts['ended']}")
     if facts.get("motion") is not None:
@@ -44,6 +54,13 @@ def exploration_lines(facts: dict[str, Any]) -> tuple[str, ...]:
     return tuple(lines)
 
 
+def _probes(facts: Mapping[str, Any]) -> str:
+    """Return the number of probes, and what they were for, where a report has it."""
+    purposes, probes = facts.get("purposes", {}), counted(facts["probes"], "probe")
+    parts = [f"{purposes[key]} {words}" for key, words in PURPOSES.items() if purposes.get(key)]
+    return f"{probes}: {', '.join(parts)}" if set(purposes) - {"policy"} else probes
+
+
 def motion_line(facts: dict[str, Any]) -> str:
     """Return the sentence about `motion_facts`."""
     line = (
@@ -54,9 +71,7 @@ def motion_line(facts: dict[str, Any]) -> str:
         if facts[name] is not None:
             line += f"; {name.replace('_', ' ')} {1e3 * facts[name]:.2f} mm"
     line += "" if facts["tracked"] else "; not tracked"
-    repeated, losses = facts["repeated_probes"], facts["losses"]
-    if repeated:
-        line += f"; {repeated} probe{'s' * (repeated > 1)} repeated to track it"
+    losses = facts["losses"]
     if losses:
         line += f"; lost {losses} time{'s' * (losses > 1)}, found again {facts['joined']}"
     return line

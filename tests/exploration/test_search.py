@@ -155,6 +155,10 @@ def test_after_the_first_contact_the_other_sides_are_touched() -> None:
     space = REGION.grown(contacts)
     assert np.linalg.norm(space.center[:2] - [0.1, -0.05]) < 0.01
     assert space.size >= 0.08
+    first = next(i for i, outcome in enumerate(outcomes) if len(outcome.contacts))
+    purposes = [outcome.probe.purpose for outcome in outcomes]
+    assert purposes[: first + 1] == ["search"] * (first + 1)
+    assert purposes[first + 1] == "extent"
 
 
 def test_a_cloud_makes_the_other_sides_known() -> None:

@@ -169,8 +169,8 @@ def test_a_log_keeps_every_bit_of_its_outcomes(tmp_path: Path) -> None:
         bare.points, normals, forces=rng.random(2), fingers=("a", "b"), times=rng.random(2)
     )
     probes = [
-        Probe(rng.normal(size=3), rng.normal(size=3), 0.1, 0.2, rng.normal(size=(k, 3)))
-        for k in range(2)
+        Probe(rng.normal(size=3), rng.normal(size=3), 0.1, 0.2, rng.normal(size=(k, 3)), purpose)
+        for k, purpose in enumerate(("policy", "extent"))
     ]
     outcomes: Sequence[ProbeOutcome] = [
         ProbeOutcome(
@@ -195,7 +195,7 @@ def test_a_log_keeps_every_bit_of_its_outcomes(tmp_path: Path) -> None:
     for read, written in zip(load_outcomes(log.path), outcomes, strict=True):
         np.testing.assert_array_equal(read.probe.direction, written.probe.direction)
         np.testing.assert_array_equal(read.probe.slides, written.probe.slides)
-        assert read.slid == written.slid
+        assert (read.slid, read.probe.purpose) == (written.slid, written.probe.purpose)
         np.testing.assert_array_equal(read.contacts.normals, written.contacts.normals)
         np.testing.assert_array_equal(read.free_points, written.free_points)
         np.testing.assert_array_equal(read.free_radii, written.free_radii)

@@ -112,7 +112,12 @@ def test_the_summary_says_when_the_object_was_found() -> None:
     before = honest().outcomes[: search["probes"]]
     assert [len(outcome.contacts) > 0 for outcome in before].index(True) == len(before) - 1
     assert search["seconds"] == pytest.approx(sum(outcome.duration for outcome in before))
-    assert f"after {search['probes']} probe" in exploration_lines(facts)[0]
+    found, touched, *_ = exploration_lines(facts)
+    assert f"after {search['probes']} probe" in found
+    purposes = facts["purposes"]
+    assert purposes["search"] == search["probes"]
+    assert sum(purposes.values()) == facts["probes"]
+    assert touched.endswith(f"{purposes['policy']} by the policy")
 
 
 def test_an_object_in_a_region_needs_a_pose() -> None:
