@@ -13,13 +13,15 @@ from scipy.stats import ttest_1samp
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp_studies.benchmark import objects, protocol
-from lis_grasp_studies.benchmark.baselines import baseline_rows
+from lis_grasp_studies.benchmark import baselines, objects, protocol
+from lis_grasp_studies.benchmark.baselines import baseline_rows, store_baselines
 from lis_grasp_studies.benchmark.objects import FOLDER, stored_object
+from lis_grasp_studies.benchmark.outsiders import OUTSIDERS
 from lis_grasp_studies.benchmark.protocol import Protocol, kind_of
 from lis_grasp_studies.benchmark.row import benchmark_row, scores_of
 from lis_grasp_studies.benchmark.scores import MEASURES, Measure, score_table, scores
 from lis_grasp_studies.benchmark.tracks import StoredTrial, measure_surfaces
+from lis_grasp_studies.evaluation.results import EvaluationResults
 from lis_grasp_studies.evaluation.touched_shapes import HULL, NOISE
 from lis_grasp_studies.harness.statistics import LEAST_CLUSTERS
 from lis_grasp_studies.harness.tables import where
@@ -197,10 +199,32 @@ def test_the_stored_baselines_are_of_the_protocol() -> None:
     tracks, rows = Protocol.load().tracks, baseline_rows(1)
     for row in rows:
         track = tracks[row["part"]]
-        assert row[track.experiment.variant] in track.variants
+        assert row[track.experiment.variant] in (*track.variants, *OUTSIDERS)
         assert row["number"] < track.objects
     measured = {row["estimator"] for row in where(rows, part="surfaces")}
-    assert measured == set(tracks["surfaces"].variants)
+    assert measured == {*tracks["surfaces"].variants, *OUTSIDERS}
+
+
+def test_stored_rows_replace_those_of_the_same_name_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = baseline_rows(1)
+    row = {**before[0], "rmsd": 0.123456789, "job_seconds": 2.0, "commit": "abc"}
+    new = {**row, "estimator": OUTSIDERS[0], "number": 7}
+    EvaluationResults(tmp_path / "out").lines.append([row, new])
+    monkeypatch.setattr(baselines, "FOLDER", tmp_path)
+    (tmp_path / "baselines_1.jsonl").write_bytes((FOLDER / "baselines_1.jsonl").read_bytes())
+    assert store_baselines(Protocol.load(), [tmp_path / "out"]) == 2
+    after = baseline_rows(1)
+    of_row = {"part": row["part"], "estimator": row["estimator"]}
+    assert [(r["object"], r["rmsd"]) for r in where(after, **of_row)] == [(row["object"], 0.12346)]
+    assert [r["number"] for r in where(after, part=row["part"], estimator=OUTSIDERS[0])] == [7]
+
+    def others(rows: list[dict]) -> list[dict]:
+        names = (row["estimator"], OUTSIDERS[0])
+        return [r for r in rows if r["part"] != row["part"] or r["estimator"] not in names]
+
+    assert others(after) == others(before)
 
 
 @pytest.mark.slow
