@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--lerobot",
         type=Path,
         metavar="FOLDER",
-        help="write a LeRobot data set (v3.0) in a new folder, and no file",
+        help="write a LeRobot data set in a new folder instead",
     )
     parser.set_defaults(execute=execute)
 

@@ -147,7 +147,7 @@ def test_the_reader_of_the_page_reads(runs: Path, monkeypatch: pytest.MonkeyPatc
     assert run.contacts is not None
     assert run.grasps is not None
     np.testing.assert_array_equal(found["points"], run.contacts.points)
-    np.testing.assert_array_equal(found["X_OH"], [grasp.X_OH for grasp in run.grasps])
+    np.testing.assert_array_equal(found["X_OH"], [grasp.X_OH.ravel() for grasp in run.grasps])
     assert isinstance(found["held"], bool)
 
 
