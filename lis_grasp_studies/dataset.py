@@ -146,9 +146,8 @@ def _probe(observation: Observation) -> Row:
 
 
 def _contacts(contacts: Contacts) -> Row:
-    return {
-        name: _plain(value) for name, value in fields_of(contacts).items() if "free" not in name
-    }
+    left_out = ("free_points", "free_radii", "judged")
+    return {n: _plain(value) for n, value in fields_of(contacts).items() if n not in left_out}
 
 
 def _mesh(mesh: trimesh.Trimesh | None) -> Row | None:

@@ -26,6 +26,7 @@ from lis_grasp.surfaces.estimators import find_estimator
 from lis_grasp_studies.baselines import (
     BASELINES,
     HermiteRBFSurface,
+    MeshLabSurface,
     OffsetSurface,
     PrimitiveCSGSurface,
 )
@@ -128,9 +129,15 @@ class Competitor:
     """Settings that `benchmarks/bench_settings.py` compares."""
     chosen: Settings
     """The best of `searched`, by the geometric mean of both errors over development sets."""
+    package: str = ""
+    """What it needs, of the extra `baselines`."""
 
 
 _MISFITS = ((0.0003, 0.03), (0.001, 0.1), (0.003, 0.2))
+
+_POISSON: Mapping[str, tuple[Any, ...]] = {"depth": (5,), "fulldepth": (3,)}
+_SAMPLES = (0.03, 0.1, 0.3)
+_BEST_POISSON = {"depth": 5, "fulldepth": 3, "weight": 100.0, "scale": 2.0, "samples": 0.1}
 
 COMPETITORS: Mapping[str, Competitor] = MappingProxyType(
     {
@@ -158,9 +165,28 @@ COMPETITORS: Mapping[str, Competitor] = MappingProxyType(
             _combined(tolerance=(0.005, 0.01, 0.02), angle=(0.03, 0.06, 0.1, 0.2)),
             {"tolerance": 0.02, "angle": 0.1},
         ),
+        "poisson": Competitor(
+            _unaware_of_noise(MeshLabSurface.screened_poisson),
+            (
+                *_combined(**_POISSON, weight=(100.0, 400.0), scale=(1.5, 2.0), samples=_SAMPLES),
+                *_combined(**_POISSON, weight=(100.0,), scale=(3.0,), samples=_SAMPLES),
+                *_combined(**_POISSON, weight=(4.0, 20.0), scale=(2.0,), samples=(0.1,)),
+                *({**_BEST_POISSON, "depth": depth} for depth in (4, 6)),
+                *({"depth": depth} for depth in (3, 4)),  # and MeshLab's defaults
+            ),
+            _BEST_POISSON,
+            "pymeshlab",
+        ),
+        "apss": Competitor(
+            _unaware_of_noise(MeshLabSurface.algebraic),
+            _combined(support=(1.1, 1.25, 1.5, 2.0), cells=(32,)),
+            {"support": 1.25, "cells": 32},
+            "pymeshlab",
+        ),
     }
 )
-"""Competitors of the study of surfaces by name."""
+"""Competitors of the study of surfaces by name. The settings of the last two, which need pymeshlab,
+were chosen for the touch benchmark: by `bench_settings.py --touched 24`."""
 
 TUNED = Registry(
     "estimator", {**OURS, **{n: partial(c.make, **c.chosen) for n, c in COMPETITORS.items()}}

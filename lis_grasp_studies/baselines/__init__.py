@@ -6,6 +6,7 @@ from types import MappingProxyType
 from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp_studies.baselines.hermite_rbf import HermiteRBFSurface
+from lis_grasp_studies.baselines.meshlab_surface import MeshLabSurface
 from lis_grasp_studies.baselines.offset_surface import OffsetSurface
 from lis_grasp_studies.baselines.primitive_csg_surface import PrimitiveCSGSurface
 
@@ -16,11 +17,12 @@ BASELINES: Mapping[str, Callable[[Contacts], ImplicitSurface]] = MappingProxyTyp
         "ransac_csg": PrimitiveCSGSurface.from_contacts,
     }
 )
-"""Every baseline by its short name."""
+"""Every baseline that needs no other package, by its short name."""
 
 __all__ = [
     "BASELINES",
     "HermiteRBFSurface",
+    "MeshLabSurface",
     "OffsetSurface",
     "PrimitiveCSGSurface",
 ]

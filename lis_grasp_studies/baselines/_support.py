@@ -24,16 +24,17 @@ class Support:
     spacing: float  # of them [m]
     center: FloatArray  # (3,) [m], the middle of their box
     scale: float  # their extent [m]
+    noise: float  # standard deviation of their positions [m]
     _tree: cKDTree
 
     @classmethod
-    def of(cls, contacts: Contacts) -> Support:
+    def of(cls, contacts: Contacts, noise: float = 0.0) -> Support:
         """Merge duplicates and prepare; InvalidContactsError if there is no contact."""
         require_contacts(contacts)
         merged = merge_duplicates(contacts)
         spacing = spacing_of(merged)
         center, scale = merged.bounds.mean(axis=0), merged.extent or spacing
-        return cls(merged, spacing, center, scale, cKDTree(merged.points))
+        return cls(merged, spacing, center, scale, noise, cKDTree(merged.points))
 
     def scaled(self, points: FloatArray) -> FloatArray:
         """Return points (P, 3) [m] centred on the contacts and scaled to about unit size."""
@@ -51,6 +52,8 @@ class BaselineSurface:
     support: Support
     error: ClassVar[float]
     """Error that bounds 70 % of the surface of known solids, in units of d^2 / spacing."""
+    misfit: ClassVar[float] = 0.0
+    """Error at the contacts themselves, in spacings; 0 for what interpolates."""
 
     @property
     def bounds(self) -> FloatArray:
@@ -61,8 +64,11 @@ class BaselineSurface:
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface, shape (...) [m].
 
-        Calibrated on known solids: `error` d^2 / spacing at a distance d from the nearest contact.
+        Calibrated on known solids: `error` d^2 / spacing at a distance d from the nearest contact,
+        and independent of it, `misfit` spacings and the noise of positions.
         """
         rows, shape = flat_points(points)
-        distances = self.support.distances(rows)
-        return np.asarray(self.error * distances**2 / self.support.spacing).reshape(shape)
+        spacing = self.support.spacing
+        between = self.error * self.support.distances(rows) ** 2 / spacing
+        at_contacts = np.hypot(self.misfit * spacing, self.support.noise)
+        return np.asarray(np.hypot(between, at_contacts)).reshape(shape)

@@ -41,13 +41,19 @@ class OffsetSurface(BaselineSurface):
 
     @classmethod
     def thin_plate(
-        cls, contacts: Contacts, *, offset: float = _OFFSET, smoothing: float = 0.0
+        cls,
+        contacts: Contacts,
+        *,
+        offset: float = _OFFSET,
+        smoothing: float = 0.0,
+        position_noise: float = 0.0,
     ) -> OffsetSurface:
         """Interpolate by SciPy's RBFInterpolator, a thin-plate spline.
 
-        `offset` is h in spacings of the contacts; `smoothing` is RBFInterpolator's.
+        `offset` is h in spacings of the contacts; `smoothing` is RBFInterpolator's. The standard
+        deviation of positions [m] adds to the uncertainty alone.
         """
-        support = Support.of(contacts)
+        support = Support.of(contacts, position_noise)
         points, normals = support.contacts.points, support.contacts.normals
         h = offset * support.spacing
         around = np.vstack([points + s * normals for s in (0.0, h, -h)])

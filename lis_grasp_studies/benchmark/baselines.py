@@ -30,17 +30,25 @@ def by_variant(protocol: Protocol, part: str, rows: Iterable[Row]) -> dict[str, 
 
 
 def store_baselines(protocol: Protocol, folders: Iterable[Path]) -> int:
-    """Write the rows in folders of results as the baselines of a protocol; return their number."""
+    """Add the rows in folders of results to the baselines of a protocol; return their number.
+
+    They replace all rows of the same track and name.
+    """
     rows = [
         {name: _short(value) for name, value in row.items() if name not in _LEFT_OUT}
         for folder in folders
         for row in EvaluationResults(folder).read()
         if row["part"] in protocol.tracks
     ]
-    path = _path(protocol.version)
+
+    def measured(row: Row) -> tuple[str, str]:
+        return row["part"], row[protocol.tracks[row["part"]].experiment.variant]
+
+    new, path = {measured(row) for row in rows}, _path(protocol.version)
+    kept = [row for row in baseline_rows(protocol.version) if measured(row) not in new]
     write_text(path, "")
     path.unlink()
-    append_lines(path, {"results": "baselines", "protocol": protocol.version}, rows)
+    append_lines(path, {"results": "baselines", "protocol": protocol.version}, [*kept, *rows])
     return len(rows)
 
 

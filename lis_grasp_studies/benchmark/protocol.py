@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
 from lis_grasp.exploration.policy import POLICY_NAMES
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.io.schemas import checked
@@ -99,7 +99,7 @@ def kind_of(name: str) -> Compared:
     Raises
     ------
     InvalidOptionError
-        If there is no such name, or it is none of these.
+        If there is no such name, it is none of these, or it needs a package that is missing.
     """
     if name in (HULL, TRUTH) or name in ESTIMATOR_NAMES.names:
         return "estimator"
@@ -126,7 +126,9 @@ def _kind_by_use(name: str) -> Compared:
         make = getattr(found, "from_contacts", found)
         try:
             made = make(argument)
-        except Exception as error:  # noqa: BLE001 - a plug-in may raise anything
+        except Exception as error:
+            if isinstance(error, LisGraspError) and isinstance(error.__context__, ImportError):
+                raise  # a package that is not installed
             reasons.append(f"of {type(argument).__name__}: {type(error).__name__}: {error}")
             continue
         if hasattr(made, "evaluate"):

@@ -11,6 +11,8 @@ from lis_grasp_studies.benchmark.baselines import baseline_rows, by_variant
 from lis_grasp_studies.benchmark.protocol import Protocol
 from lis_grasp_studies.benchmark.scores import MEASURES, Score, scores
 
+_VERDICTS = {"losses": "loss", "unclear": "unclear", "equal": "equal", "wins": "win"}
+
 
 def scores_of(protocol: Protocol, name: str, parts: Mapping[str, Sequence[Row]]) -> list[Score]:
     """Return the scores of a plug-in's rows by tracks, beside the stored baselines."""
@@ -37,8 +39,10 @@ def benchmark_row(
         "kind": kind,
         "source": sorted(sources),
         "version": __version__,
-        "losses": [_facts(score) for score in found if score.verdict == "loss"],
-        "wins": [_facts(score) for score in found if score.verdict == "win"],
+        **{
+            name: [_facts(score) for score in found if score.verdict == verdict]
+            for name, verdict in _VERDICTS.items()
+        },
         "tracks": {part: _measures(found, part, rows) for part, rows in parts.items()},
     }
 
@@ -57,6 +61,8 @@ def _measures(found: Sequence[Score], part: str, rows: Sequence[Row]) -> dict[st
                 "mean": score.mean,
                 "interval": score.interval,
                 "objects": score.objects,
+                "margin": score.measure.margin.size,
+                "margin_source": score.measure.margin.source,
             }
             for score in own.values()
         ],
@@ -70,5 +76,9 @@ def _facts(score: Score) -> dict[str, Any]:
         "contacts": score.measure.count,
         "unit": score.measure.unit,
         "baseline": score.baseline,
+        "objects": score.pairs,
         "difference": score.difference,
+        "margin": score.measure.margin.size,
+        "p_equal": score.p_equal,
+        "detectable": score.detectable,
     }

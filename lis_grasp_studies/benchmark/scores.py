@@ -12,11 +12,38 @@ import numpy as np
 from lis_grasp.io.json_lines import Row
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.evaluation.task_geometry import FAILED
-from lis_grasp_studies.evaluation.touched_shapes import COUNTS
-from lis_grasp_studies.harness.statistics import interval_over_objects
+from lis_grasp_studies.evaluation.touched_shapes import COUNTS, NOISE
+from lis_grasp_studies.harness.statistics import (
+    LEAST_CLUSTERS,
+    detectable_difference,
+    equivalence_p_value,
+    interval_over_objects,
+)
 from lis_grasp_studies.harness.tables import NONE, Table
 
 Better = Literal["lower", "higher"]
+Verdict = Literal["loss", "win", "equal", "unclear", ""]
+
+EQUAL = 0.05
+"""Significance of each of the two one-sided tests that show equality."""
+
+
+@dataclass(frozen=True, slots=True)
+class Margin:
+    """Size below which a difference does not matter, in the unit of its measures, and why."""
+
+    size: float
+    source: str
+    largest: float | None = None
+    """Difference of one object that is rare but possible where none was seen."""
+
+
+# Chosen after the first rows were known, but from sources that do not depend on them.
+LENGTH = Margin(1e3 * NOISE["position_noise"], "the noise of a touch's position")
+SHARE = Margin(10.0, "that of the study of doses, fixed before its runs", 100.0)
+SURFACE = Margin(100.0 / max(COUNTS), "the surface of one of 40 contacts")
+BRIER = Margin((0.01 * SHARE.size) ** 2, "all predictions off by 10 points more", 1.0)
+TOUCHES = Margin(5.0, "the touches between two estimates", 40.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +54,7 @@ class Measure:
     unit: str
     better: Better
     value: Callable[[Row], float | None]
+    margin: Margin = LENGTH
     count: int | None = None
     """Number of contacts of the rows that it is of; None for all rows."""
 
@@ -69,24 +97,24 @@ def _miscalibration(row: Row) -> float | None:
 
 
 _TASKS = tuple(
-    Measure(name, unit, better, value, count)  # type: ignore[arg-type]
+    replace(measure, count=count)
     for count in COUNTS[::-1]
-    for name, unit, better, value in (
-        ("slot", "mm", "lower", _length("slot", "slot_x", "slot_y")),
-        ("walls", "mm", "lower", _length("wall", "wall_turned")),
-        ("truth to estimate", "mm", "lower", _length("rmsd_truth_to_estimate")),
-        ("estimate to truth", "mm", "lower", _length("rmsd")),
-        ("edges", "mm", "lower", _at_edges),
-        ("superfluous", "%", "lower", _superfluous),
-        ("cups found", "%", "higher", _percent("accepted", "true")),
-        ("cups that seal", "%", "higher", _percent("kept", "said")),
-        ("stands", "%", "higher", _percent("stands")),
-        ("extents inside", "%", "higher", _percent("inside")),
+    for measure in (
+        Measure("slot", "mm", "lower", _length("slot", "slot_x", "slot_y")),
+        Measure("walls", "mm", "lower", _length("wall", "wall_turned")),
+        Measure("truth to estimate", "mm", "lower", _length("rmsd_truth_to_estimate")),
+        Measure("estimate to truth", "mm", "lower", _length("rmsd")),
+        Measure("edges", "mm", "lower", _at_edges),
+        Measure("superfluous", "%", "lower", _superfluous, SURFACE),
+        Measure("cups found", "%", "higher", _percent("accepted", "true"), SHARE),
+        Measure("cups that seal", "%", "higher", _percent("kept", "said"), SHARE),
+        Measure("stands", "%", "higher", _percent("stands"), SHARE),
+        Measure("extents inside", "%", "higher", _percent("inside"), SHARE),
     )
 )
 _LIFTS = (
-    Measure("held", "%", "higher", _percent("held")),
-    Measure("Brier score", "", "lower", _miscalibration),
+    Measure("held", "%", "higher", _percent("held"), SHARE),
+    Measure("Brier score", "", "lower", _miscalibration, BRIER),
 )
 
 MEASURES: Mapping[str, tuple[Measure, ...]] = MappingProxyType(
@@ -95,7 +123,7 @@ MEASURES: Mapping[str, tuple[Measure, ...]] = MappingProxyType(
         "stored_lifts": _LIFTS,
         "stored_hands": _LIFTS,
         "stored_policies": (
-            Measure("touches until known", "", "lower", lambda row: float(row["touches"])),
+            Measure("touches until known", "", "lower", lambda row: float(row["touches"]), TOUCHES),
             Measure("error, 20 touches", "mm", "lower", _length("error_20")),
             Measure("error, 40 touches", "mm", "lower", _length("error_40")),
         ),
@@ -121,13 +149,23 @@ class Score:
     """Objects of both."""
     difference: tuple[float | None, float | None] = (None, None)
     """95 % interval of the plug-in minus the baseline, paired by objects."""
+    p_equal: float = 1.0
+    """Of two one-sided t-tests that the difference is within the measure's margin."""
+    detectable: float | None = None
+    """Difference that so many objects show with a power of 80 %."""
 
     @property
-    def verdict(self) -> Literal["loss", "win", ""]:
-        """Whether the interval of the difference is on one side of 0."""
+    def verdict(self) -> Verdict:
+        """Loss or win if the interval of the difference is on one side of 0, else equal or unclear.
+
+        Equal is what both one-sided tests show. Unclear is what has too few objects to tell a
+        difference from none. Without a baseline, nothing is said.
+        """
         low, high = self.difference
-        if low is None or high is None or low <= 0.0 <= high:
+        if not self.baseline:
             return ""
+        if low is None or high is None or low <= 0.0 <= high:
+            return "equal" if self.p_equal < EQUAL else "unclear"
         return "loss" if (low > 0.0) == (self.measure.better == "lower") else "win"
 
 
@@ -156,12 +194,16 @@ def _against(
     if not both:
         return None
     first, second = (np.array([of[key] for key in both]) for of in (mine, theirs))
+    change, margin = first - second, alone.measure.margin
+    p_equal = equivalence_p_value(change, margin.size, largest=margin.largest)
     return replace(
         alone,
         baseline=name,
         baseline_mean=float(second.mean()),
         pairs=len(both),
-        difference=_interval(both, first - second),
+        difference=_interval(both, change),
+        p_equal=p_equal if len(both) >= LEAST_CLUSTERS else 1.0,
+        detectable=detectable_difference(change),
     )
 
 
@@ -177,8 +219,8 @@ def _interval(names: Sequence[str], values: FloatArray) -> tuple[float | None, f
 
 
 def score_table(found: Sequence[Score], name: str) -> Table:
-    """Return all scores as a table: losses first, then what is not decided, then wins."""
-    order = {"loss": 0, "": 1, "win": 2}
+    """Return all scores as a table: losses first, then what is unclear, equal or won."""
+    order = {"loss": 0, "unclear": 1, "": 2, "equal": 3, "win": 4}
     body = []
     for score in sorted(found, key=lambda score: order[score.verdict]):
         measure = score.measure
@@ -189,14 +231,18 @@ def score_table(found: Sequence[Score], name: str) -> Table:
             (
                 f"{score.track}: {measure.name}{of}{unit}",
                 f"{score.mean:.2f} ({_ends(score.interval)})",
-                score.baseline or NONE,
+                score.baseline.rpartition(":")[2] or NONE,
                 theirs,
                 _ends(score.difference),
                 score.verdict,
+                f"{measure.margin.size:g}",
+                f"{score.p_equal:.3f}" if score.baseline else NONE,
+                NONE if score.detectable is None else f"{score.detectable:.2f}",
                 f"{score.pairs or score.objects}",
             )
         )
-    head = ("measure", "mean (95 %)", "baseline", "its mean", "difference, 95 %", "", "objects")
+    first = ("measure", "mean (95 %)", "baseline", "its mean", "difference, 95 %", "verdict")
+    head = (*first, "margin", "p (equal)", "found with 80 %", "objects")
     return Table("scores", f"{name}, losses first", head, tuple(body))
 
 

@@ -34,8 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     parser.description = (
         "Measure one estimator, policy or hand on 100 objects and contacts that never change, and"
-        " write a row with intervals over objects, losses to the baselines first. Which of the"
-        " three it is, is found by what it makes. Run again, it continues."
+        " write a row with intervals over objects, losses to the baselines first. Run again,"
+        " it continues."
     )
     parser.add_argument(
         "name", metavar="NAME", help="a name, my.module:Class, or the YAML file of a hand"

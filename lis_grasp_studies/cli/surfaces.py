@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import get_args
 
 from lis_grasp.cli.progress import Stage, next_step, say
-from lis_grasp.exceptions import InvalidOptionError, require_at_least
+from lis_grasp.exceptions import InvalidOptionError, require_at_least, require_packages
 from lis_grasp.io.atomic_writing import sole_writer
 
 HELP = "compare estimates on even, random, clustered and noisy contacts of many objects"
@@ -125,7 +125,7 @@ def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
     from lis_grasp.surfaces.estimators import find_estimator
     from lis_grasp.task.task import option_default
     from lis_grasp_studies.contact_study.score import Box
-    from lis_grasp_studies.estimators import TUNED
+    from lis_grasp_studies.estimators import COMPETITORS, TUNED
 
     if options.box not in get_args(Box):
         raise InvalidOptionError.not_one_of("--box", options.box, get_args(Box))
@@ -136,6 +136,10 @@ def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
     names = (*(name for name in options.estimator or () if name not in names), *names)
     for name in (*names, options.subject or names[0], options.reference):
         find_estimator(name, registry=TUNED, option="--estimators")
+        if name in COMPETITORS and COMPETITORS[name].package:
+            require_packages(
+                COMPETITORS[name].package, extra="baselines", option=f"--estimators {name}"
+            )
     for needed in (options.subject or names[0], options.reference):
         if needed not in names:
             raise InvalidOptionError(

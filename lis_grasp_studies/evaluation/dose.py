@@ -34,7 +34,6 @@ import numpy as np
 import trimesh
 from pydantic import Field
 from scipy.spatial import cKDTree
-from scipy.stats import t as student
 
 from lis_grasp import Hand, pipeline
 from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
@@ -43,13 +42,13 @@ from lis_grasp.io.json_lines import Row
 from lis_grasp.shapes import Shape
 from lis_grasp.stages.plan import plan_grasps
 from lis_grasp.stages.scenario import place_object
-from lis_grasp.typing import FloatArray
 from lis_grasp_studies.evaluation.part import Places, SaltedPart, SaltedTrial
 from lis_grasp_studies.evaluation.task_geometry import points_along
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.statistics import (
     Interval,
     cluster_sums,
+    equivalence_p_value,
     holm,
     interval_over_objects,
     objects_of,
@@ -247,30 +246,6 @@ def _difference(pairs: Sequence[tuple[Row, Row]]) -> Difference:
         pairs=len(pairs),
         objects=len(means),
     )
-
-
-def equivalence_p_value(values: FloatArray, margin: float) -> float:
-    """Return the p-value of two one-sided t-tests that a mean is within a margin of 0.
-
-    The larger of both (Schuirmann 1987); 1 with fewer than two values. Equal values have no
-    variance, but say little of rare ones: for them it is the chance that N values show none of the
-    losses of 1 that a fraction of `margin` of all would have.
-
-    Parameters
-    ----------
-    values
-        Shape (N,), independent, from -1 to 1.
-    margin
-        Above 0 and below 1, in the unit of the values.
-    """
-    count = len(values)
-    if count < 2:
-        return 1.0
-    room = margin - abs(float(np.mean(values)))
-    error = float(np.std(values, ddof=1)) / np.sqrt(count)
-    if error > 0.0:
-        return float(student.sf(room / error, count - 1))
-    return float((1.0 - margin) ** count) if room > 0.0 else 1.0
 
 
 def difference_table(rows: Sequence[Row]) -> Table:

@@ -69,6 +69,51 @@ def sign_flip_p_value(sums: npt.ArrayLike) -> float:
     return float(min(1.0, probabilities[np.abs(flipped) >= abs(whole.sum())].sum()))
 
 
+def equivalence_p_value(
+    values: npt.ArrayLike, margin: float, *, largest: float | None = 1.0
+) -> float:
+    """Return the p-value of two one-sided t-tests that a mean is within a margin of 0.
+
+    The larger of both (Schuirmann 1987); 1 with fewer than two values. Below 0.05 it is where the
+    90 % interval of the mean is inside of the margin. Equal values have no variance, but say little
+    of rare ones: for them it is the chance that N values show none of the differences of `largest`
+    that would make a mean of `margin`.
+
+    Parameters
+    ----------
+    values
+        Shape (N,), independent.
+    margin
+        Above 0, in the unit of the values.
+    largest
+        Difference that is rare but possible, above `margin`; None if there is none.
+    """
+    known = np.asarray(values, dtype=np.float64)
+    count = len(known)
+    if count < 2:
+        return 1.0
+    room = margin - abs(float(np.mean(known)))
+    error = float(np.std(known, ddof=1)) / np.sqrt(count)
+    if error > 0.0:
+        return float(student.sf(room / error, count - 1))
+    rare = 0.0 if largest is None else float((1.0 - margin / largest) ** count)
+    return rare if room > 0.0 else 1.0
+
+
+def detectable_difference(values: npt.ArrayLike) -> float | None:
+    """Return the mean that a t-test at 5 % finds with a power of 80 % in values of such a spread.
+
+    ``(t_0.975 + t_0.8) s / sqrt(N)`` with N - 1 degrees of freedom, in the unit of the values
+    (Cohen 1988), of values (N,). None with fewer than two.
+    """
+    known = np.asarray(values, dtype=np.float64)
+    count = len(known)
+    if count < 2:
+        return None
+    error = float(np.std(known, ddof=1)) / np.sqrt(count)
+    return float(student.ppf([0.975, 0.8], count - 1).sum() * error)
+
+
 def rank_biserial(differences: npt.ArrayLike) -> float:
     """Return the matched-pairs rank-biserial correlation of differences (N,) (Kerby 2014).
 

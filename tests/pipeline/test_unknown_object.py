@@ -117,7 +117,7 @@ def test_the_summary_says_when_the_object_was_found() -> None:
     purposes = facts["purposes"]
     assert purposes["search"] == search["probes"]
     assert sum(purposes.values()) == facts["probes"]
-    assert touched.endswith(f"{purposes['policy']} by the policy")
+    assert touched.endswith(f"{purposes['policy'] or 'none'} by the policy")
 
 
 def test_an_object_in_a_region_needs_a_pose() -> None:

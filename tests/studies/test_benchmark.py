@@ -8,17 +8,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import ttest_1samp
 
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp_studies.benchmark import objects, protocol
-from lis_grasp_studies.benchmark.baselines import baseline_rows
+from lis_grasp_studies.benchmark import baselines, objects, protocol
+from lis_grasp_studies.benchmark.baselines import baseline_rows, store_baselines
 from lis_grasp_studies.benchmark.objects import FOLDER, stored_object
+from lis_grasp_studies.benchmark.outsiders import OUTSIDERS
 from lis_grasp_studies.benchmark.protocol import Protocol, kind_of
+from lis_grasp_studies.benchmark.row import benchmark_row, scores_of
 from lis_grasp_studies.benchmark.scores import MEASURES, Measure, score_table, scores
 from lis_grasp_studies.benchmark.tracks import StoredTrial, measure_surfaces
+from lis_grasp_studies.evaluation.results import EvaluationResults
 from lis_grasp_studies.evaluation.touched_shapes import HULL, NOISE
+from lis_grasp_studies.harness.statistics import LEAST_CLUSTERS
 from lis_grasp_studies.harness.tables import where
 from lis_grasp_studies.test_objects.salted import MIXED_FAMILIES, salted_shape
 
@@ -131,9 +136,42 @@ def test_a_score_is_a_loss_where_the_interval_of_the_difference_says_so() -> Non
     assert high is not None
     assert low < np.mean(worse) - np.mean(theirs) < high
     (tie,) = scores("t", [LOW], rows_of(same), others)
-    assert tie.verdict == ""
+    assert tie.verdict == "equal"  # 0.1 of noise, a margin of 0.5
     table = score_table([win, tie, loss], "mine")
-    assert [line[5] for line in table.body] == ["loss", "", "win"]
+    assert [line[5] for line in table.body] == ["loss", "equal", "win"]
+
+
+@pytest.mark.parametrize("count", [9, 12, 24, 60])
+@pytest.mark.parametrize("spread", [0.3, 1.0, 3.0])
+def test_a_tie_is_equal_only_where_its_interval_of_90_percent_is_within_the_margin(
+    count: int, spread: float
+) -> None:
+    rng = np.random.default_rng([count, int(10 * spread)])
+    theirs = rng.uniform(1.0, 2.0, count)
+    mine = list(theirs + spread * rng.normal(size=count))
+    (score,) = scores("t", [LOW], rows_of(mine), {"base": rows_of(list(theirs))})
+    ends = ttest_1samp(np.array(mine) - theirs, 0.0).confidence_interval(0.9)
+    within = -0.5 < ends.low < ends.high < 0.5 and count >= LEAST_CLUSTERS
+    if score.verdict in ("loss", "win"):
+        return
+    assert score.verdict == ("equal" if within else "unclear")
+
+
+def test_a_row_says_of_every_tie_what_could_have_been_shown() -> None:
+    protocol = Protocol.load()
+    stored = where(baseline_rows(1), part="surfaces", estimator="smooth")
+    parts = {"surfaces": stored}
+    found = scores_of(protocol, "smooth", parts)
+    row = benchmark_row(protocol, "smooth", "estimator", parts, found)
+    kinds = ("losses", "unclear", "equal", "wins")
+    assert sum(len(row[kind]) for kind in kinds) == len(found)
+    for tie in (*row["unclear"], *row["equal"]):
+        low, high = tie["difference"]
+        assert low is None or low <= 0.0 <= high
+    assert all(tie["p_equal"] < 0.05 for tie in row["equal"])
+    assert all(tie["p_equal"] >= 0.05 for tie in row["unclear"])
+    assert all(tie["detectable"] > 0.0 for tie in row["unclear"])
+    json.dumps(row, allow_nan=False)
 
 
 def test_objects_without_a_baseline_are_not_compared() -> None:
@@ -161,10 +199,32 @@ def test_the_stored_baselines_are_of_the_protocol() -> None:
     tracks, rows = Protocol.load().tracks, baseline_rows(1)
     for row in rows:
         track = tracks[row["part"]]
-        assert row[track.experiment.variant] in track.variants
+        assert row[track.experiment.variant] in (*track.variants, *OUTSIDERS)
         assert row["number"] < track.objects
     measured = {row["estimator"] for row in where(rows, part="surfaces")}
-    assert measured == set(tracks["surfaces"].variants)
+    assert measured == {*tracks["surfaces"].variants, *OUTSIDERS}
+
+
+def test_stored_rows_replace_those_of_the_same_name_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = baseline_rows(1)
+    row = {**before[0], "rmsd": 0.123456789, "job_seconds": 2.0, "commit": "abc"}
+    new = {**row, "estimator": OUTSIDERS[0], "number": 7}
+    EvaluationResults(tmp_path / "out").lines.append([row, new])
+    monkeypatch.setattr(baselines, "FOLDER", tmp_path)
+    (tmp_path / "baselines_1.jsonl").write_bytes((FOLDER / "baselines_1.jsonl").read_bytes())
+    assert store_baselines(Protocol.load(), [tmp_path / "out"]) == 2
+    after = baseline_rows(1)
+    of_row = {"part": row["part"], "estimator": row["estimator"]}
+    assert [(r["object"], r["rmsd"]) for r in where(after, **of_row)] == [(row["object"], 0.12346)]
+    assert [r["number"] for r in where(after, part=row["part"], estimator=OUTSIDERS[0])] == [7]
+
+    def others(rows: list[dict]) -> list[dict]:
+        names = (row["estimator"], OUTSIDERS[0])
+        return [r for r in rows if r["part"] != row["part"] or r["estimator"] not in names]
+
+    assert others(after) == others(before)
 
 
 @pytest.mark.slow

@@ -16,13 +16,11 @@ from lis_grasp_studies.evaluation.configuration import Configuration
 from lis_grasp_studies.evaluation.dose import (
     CONTINUED,
     EXACT,
-    MARGIN,
     ROUNDED,
     TOO_THIN,
     DosePart,
     changed_truth,
     differences,
-    equivalence_p_value,
 )
 from lis_grasp_studies.evaluation.part import Places
 from lis_grasp_studies.evaluation.results import Evaluation, EvaluationResults
@@ -229,30 +227,6 @@ def test_differences_are_those_counted_by_hand() -> None:
     assert (numbers[f"lost {CONTINUED}"], numbers[f"won {CONTINUED}"]) == (12, 0)
     assert not part.tables([])[0].body
     assert not part.answers([])
-
-
-def test_equality_is_found_where_the_interval_of_90_percent_is_within_the_margin() -> None:
-    """The two tests at 5 % are equivalent to it (Schuirmann 1987); here by SciPy's interval."""
-    rng = np.random.default_rng(4)
-    agree = []
-    for _ in range(200):
-        values = rng.normal(rng.uniform(-0.1, 0.1), 0.15, 21)
-        low, high = trial_interval(values)
-        agree.append(
-            (equivalence_p_value(values, MARGIN) < 0.05) == (-MARGIN < low < high < MARGIN)
-        )
-    assert all(agree)
-    # No difference of n: a tenth that lose all would show none with a chance of 0.9^n.
-    assert equivalence_p_value(np.zeros(21), MARGIN) == pytest.approx(0.9**21)
-    assert equivalence_p_value(np.full(21, 0.125), 0.125) == 1.0
-    assert equivalence_p_value(np.zeros(1), MARGIN) == 1.0
-
-
-def trial_interval(values: np.ndarray) -> tuple[float, float]:
-    from scipy.stats import ttest_1samp
-
-    interval = ttest_1samp(values, 0.0).confidence_interval(0.9)
-    return float(interval.low), float(interval.high)
 
 
 @pytest.mark.slow

@@ -15,6 +15,8 @@ from lis_grasp_studies.harness.statistics import (
     cluster_sums,
     clusters_of,
     crossed_interval,
+    detectable_difference,
+    equivalence_p_value,
     holm,
     interval_over_objects,
     interval_over_seeds,
@@ -382,3 +384,34 @@ def test_agreement_counts_pairs_of_which_the_nearer_surface_held() -> None:
     (found,) = agreements(rows, "gpis")
     assert (found.measure, found.agree, found.pairs, found.p) == ("rmsd", 1, 2, 1.0)
     assert not agreements(study_rows({"gpis": [1], "lis": [0]}), "gpis")
+
+
+def test_equality_is_found_where_the_interval_of_90_percent_is_within_the_margin() -> None:
+    """The two tests at 5 % are equivalent to it (Schuirmann 1987); here by SciPy's interval."""
+    rng, margin = np.random.default_rng(4), 0.1
+    agree = []
+    for _ in range(200):
+        values = rng.normal(rng.uniform(-0.1, 0.1), 0.15, 21)
+        ends = stats.ttest_1samp(values, 0.0).confidence_interval(0.9)
+        within = -margin < float(ends.low) < float(ends.high) < margin
+        agree.append((equivalence_p_value(values, margin) < 0.05) == within)
+    assert all(agree)
+    # No difference of n: a tenth that lose all would show none with a chance of 0.9^n.
+    assert equivalence_p_value(np.zeros(21), margin) == pytest.approx(0.9**21)
+    assert equivalence_p_value(np.zeros(21), 5.0, largest=40.0) == pytest.approx(0.875**21)
+    assert equivalence_p_value(np.zeros(21), margin, largest=None) == 0.0
+    assert equivalence_p_value(np.full(21, 0.125), 0.125) == 1.0
+    assert equivalence_p_value(np.zeros(1), margin) == 1.0
+
+
+@pytest.mark.parametrize("count", [12, 24, 100])
+def test_a_detectable_difference_has_a_power_of_80_percent(count: int) -> None:
+    from statsmodels.stats.power import TTestPower  # by the noncentral t-distribution
+
+    values = 1.5 + 3.0 * np.random.default_rng(count).standard_normal(count)
+    found = detectable_difference(values)
+    assert found is not None
+    size = found / float(np.std(values, ddof=1))
+    # Ours is the first order: 1 point from the exact power with twelve values.
+    assert TTestPower().power(size, count, 0.05) == pytest.approx(0.8, abs=0.01)
+    assert detectable_difference([1.0]) is None
