@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from lis_grasp.exceptions import counted
 from lis_grasp.guesses import Answering
 
 # Entries of an array that are shown; of longer ones the shape is.
@@ -127,7 +126,7 @@ def _short(value: Any) -> str:
         case Mapping():
             return f"{{{', '.join(f'{key}: {_short(item)}' for key, item in value.items())}}}"
         case tuple() | list():
-            return counted(len(value), type(value[0]).__name__) if value else "()"
+            return f"{len(value)} {type(value[0]).__name__}" if value else "()"
         case _:
             return type(value).__name__
 

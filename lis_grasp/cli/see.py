@@ -58,7 +58,8 @@ def execute(options: argparse.Namespace) -> None:
     for line in seen.summary:
         say(line)
     say(f"wrote {folder / VIEW}, {SEEN_CONTACTS}, {SEEN_PAGE}")
-    say(next_step("lis-grasp estimate {}", folder / SEEN_CONTACTS))
+    estimate = f"lis-grasp estimate {{}} --view {{}} --support {options.support:g}"
+    say(next_step(estimate, folder / SEEN_CONTACTS, folder / VIEW))
 
 
 def _load(image: Path, camera: Path | None) -> DepthView:

@@ -81,9 +81,11 @@ class Region:
         except (TypeError, ValueError):
             lengths = ()
         if len(lengths) != 3 or not all(0.0 < length <= _LONGEST for length in lengths):
-            raise InvalidOptionError.out_of_range(
-                "region", self.lengths, f"3 lengths in metres, above 0 and at most {_LONGEST:g}"
-            )
+            metres = " ".join(f"{1e-3 * length:g}" for length in lengths)
+            are_mm = len(lengths) == 3 and all(0.0 < 1e-3 * x <= _LONGEST for x in lengths)
+            cure = f" (in mm they are {metres} m)" if are_mm else ""
+            required = f"3 lengths in metres, above 0 and at most {_LONGEST:g}{cure}"
+            raise InvalidOptionError.out_of_range("region", self.lengths, required)
         object.__setattr__(self, "lengths", lengths)
 
     @property
@@ -181,7 +183,7 @@ def search_probe(
 
     The candidates are horizontal sweeps through the region, low above the table, and motions
     straight down, each as long as known neighbours permit. Motions that were blocked before are
-    not repeated.
+    not repeated, and each halves the value of those along the same direction at the same height.
     `outcomes` are from every probe, all without contact. None if no place is left where
     the object could be found.
     """
@@ -189,6 +191,7 @@ def search_probe(
     radii = np.concatenate([np.empty(0), *(outcome.free_radii for outcome in outcomes)])
     belief = PlaceBelief.of(region, points, radii, neighbours=neighbours)
     tried = [outcome.probe for outcome in outcomes]
+    blocked = [o.probe for o in outcomes if o.status == "blocked" and not len(o.free_points)]
     best, best_value = None, 0.0
     for probe in _candidates(region, neighbours):
         same = (other for other in tried if np.array_equal(probe.target, other.target))
@@ -196,9 +199,16 @@ def search_probe(
             continue
         value = belief.met_by(probe, region.tip_radius) / _seconds(region, probe)
         value *= 1.0 + _RANDOM * rng.random()
+        value *= 0.5 ** sum(_are_alike(probe, other) for other in blocked)
         if value > best_value:
             best, best_value = probe, value
     return best
+
+
+def _are_alike(probe: Probe, other: Probe) -> bool:
+    """Return whether two motions have one direction and begin at one height."""
+    same = float(probe.direction @ other.direction) > 0.999
+    return same and abs(float(probe.start[2] - other.start[2])) < _OVERLAP
 
 
 def _overlapped(

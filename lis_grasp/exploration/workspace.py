@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_positive
+from lis_grasp.io.units import LARGEST
 from lis_grasp.records import read_only
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.contact_places import box_area
@@ -74,6 +75,8 @@ class Workspace:
 
     def __post_init__(self) -> None:
         require_positive(step=self.step, size=self.size, tip_radius=self.tip_radius)
+        if self.size > LARGEST:
+            raise InvalidOptionError.out_of_range("size", self.size, f"at most {LARGEST} m")
         center = np.array(self.center, dtype=np.float64)
         if center.shape != (3,) or not np.isfinite(center).all():
             raise InvalidOptionError.out_of_range("center", self.center, "3 finite numbers")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 from lis_grasp.contacts import Contacts
@@ -27,6 +28,10 @@ def touched_contacts(folder: Path, exploration: Exploration, scenario: Scenario)
             )
         return contacts
     why = "check that the region contains the object and that the hand gets there"
+    blocked = Counter(o.reason for o in exploration.outcomes if o.status == "blocked")
+    if blocked:
+        reason, count = blocked.most_common(1)[0]
+        why = f"{count} were blocked, as {reason}; {why}"
     is_low = height < 1.001 * lowest  # STL is in single precision
     if scenario.task.known.region is not None and is_low:
         why = (

@@ -25,6 +25,7 @@ from lis_grasp.shapes import load
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.configured_arm import station_facts
 from lis_grasp.stages.next_touch import NO_TABLE
+from lis_grasp.surfaces.contact_checks import require_table_below
 from lis_grasp.task.recorded_facts import read_facts, recorded_base
 from lis_grasp.task.task import HEIGHT, Task, require_options
 
@@ -84,6 +85,7 @@ def grasp_file(
         known_table = lowest - _FAR_BELOW
         recorded = {name: fact for name, fact in recorded.items() if name != "support_height"}
     table = checked_value("support", lowest if known_table is None else known_table, float, HEIGHT)
+    require_table_below(table, float(mesh.bounds[1, 2]), "of the mesh")
     if known_table is None:
         progress.say(f"{WARNING}{NO_TABLE}: `support` is {table:.4g} m, the lowest point")
     elif (below := round(1e3 * (table - lowest))) > 0:

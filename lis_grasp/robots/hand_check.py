@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations, product
 from types import MappingProxyType
 
 import numpy as np
@@ -26,6 +27,8 @@ _MOST_EFFORT = {"revolute": 100.0, "continuous": 100.0, "prismatic": 2000.0}
 # Postures sampled between the joints' limits; a fixed seed, as no result depends on the draw much.
 _POSTURES, _SEED = 4000, 0
 _OPPOSED = np.pi / 3  # largest angle between the axes of pads that face each other [rad]
+# Shares (W, 3) of three pads in the force that holds an object, in eighths.
+_WEIGHTS = np.array([w for w in product(range(1, 7), repeat=3) if sum(w) == 8]) / 8.0
 # Smallest useful lead of a probing tip over the rest of the hand [m].
 _LEAD = 0.02
 
@@ -139,8 +142,8 @@ def _opposition(hand: Hand) -> Iterator[Finding]:
     if not len(_facing_gaps(hand, np.array(list(hand.pregrasps.values())))):
         yield Finding(
             False,
-            "no two pads face each other in any pregrasp, so nothing can be held between them:"
-            " open the hand with a thumb opposite to the fingers",
+            "no two or three pads face each other in any pregrasp, so nothing can be held between"
+            " them: open the hand with a thumb opposite to the fingers, or fingers around",
         )
         return
     low, high = 1e3 * np.array(opening_range(hand))
@@ -164,9 +167,11 @@ def opening_range(hand: Hand) -> tuple[float, float]:
 
 
 def _facing_gaps(hand: Hand, q: FloatArray) -> FloatArray:
-    """Return the gaps (K,) [m] between two pads that face each other, over postures (B, J).
+    """Return the gaps (K,) [m] between pads that face each other, over postures (B, J).
 
-    Their axes are opposite up to both half angles, and at most `_OPPOSED`.
+    Two pads do whose axes are opposite up to both half angles, and at most `_OPPOSED`; three do
+    between which forces balance, turned from the axes by as much: then the gap is the width of the
+    ball between them.
     """
     centers, axes = hand.pad_centers(np.eye(4), q), hand.pad_axes(np.eye(4), q)  # (B, F, 3)
     between = centers[:, None] - centers[:, :, None]  # (B, F, F, 3), from the first pad
@@ -175,7 +180,15 @@ def _facing_gaps(hand: Hand, q: FloatArray) -> FloatArray:
     facing = np.einsum("bik,bjk->bij", axes, axes) < -np.cos(turned)
     facing &= np.einsum("bik,bijk->bij", axes, between) > 0.0
     gaps = np.linalg.norm(between, axis=-1) - (radii[:, None] + radii)
-    return np.maximum(gaps[facing], 0.0)
+    found = [gaps[facing]]
+    for three in map(list, combinations(range(len(radii)), 3)):
+        inward = centers[:, three].mean(axis=1, keepdims=True) - centers[:, three]  # (B, 3, 3)
+        around = np.all(np.sum(inward * axes[:, three], axis=-1) > 0.0, axis=1)
+        left = np.linalg.norm(_WEIGHTS @ axes[:, three], axis=-1).min(axis=1)
+        around &= left <= np.sin(0.5 * turned[np.ix_(three, three)].min())
+        widths = np.linalg.norm(inward, axis=-1).mean(axis=1) - radii[three].mean()
+        found.append(2.0 * widths[around])
+    return np.maximum(np.concatenate(found), 0.0)
 
 
 def _probe_postures(hand: Hand) -> Iterator[Finding]:

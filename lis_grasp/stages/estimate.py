@@ -46,6 +46,7 @@ from lis_grasp.surfaces.contact_checks import (
     doubt_of_low_table,
     doubt_of_side,
     doubt_of_table,
+    require_table_below,
     turned_outward,
 )
 from lis_grasp.surfaces.contact_loading import ContactSource, load_contacts
@@ -347,7 +348,12 @@ def estimate(
 
 
 def note_doubts(contacts: Contacts, support_height: float | None = None) -> None:
-    """Warn of contacts that are not in metres, too few, or far above or below the table [m]."""
+    """Warn of contacts that are not in metres, too few, or far above or below the table [m].
+
+    Raises `InvalidOptionError` if all are below it.
+    """
+    if len(contacts):
+        require_table_below(support_height, float(contacts.bounds[1, 2]), "contacts")
     if contacts.extent > LARGEST:
         note(f"contacts are in metres, and these are {contacts.extent:.3g} m apart: check the unit")
     few = few_contacts(contacts)

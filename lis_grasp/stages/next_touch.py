@@ -30,6 +30,7 @@ from lis_grasp.probing.probe_planner import ProbePlanner
 from lis_grasp.robots.hand import Hand
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.touch import exploration_rng, make_perception, make_strategy
+from lis_grasp.surfaces.contact_checks import require_table_below
 from lis_grasp.task.task import plain_value
 
 NO_TABLE = "no table is known"
@@ -115,6 +116,8 @@ class ObjectPlace:
         """
         if self.region is not None:
             return 0.0
+        if len(contacts):
+            require_table_below(self.support, float(contacts.bounds[1, 2]), "contacts")
         if self.support is not None or self.held:
             return self.support
         if not len(contacts):

@@ -74,15 +74,23 @@ def turned_outward(contacts: Contacts, side: NormalSide | None = None) -> Contac
     "inward" normals are flipped, "unsigned" ones get the likeliest signs (`orient_normals`), and
     "outward" ones are kept. None requires outward ones, as far as the contacts show it.
 
-    Raises `InvalidContactsError` if normals of no given side point inward, `InvalidOptionError` if
-    there is no such side.
+    Raises `InvalidContactsError` if normals of no given side point inward, or inward ones outward,
+    `InvalidOptionError` if there is no such side.
     """
     if side not in (None, *get_args(NormalSide)):
         raise InvalidOptionError.not_one_of("normals", side, get_args(NormalSide))
     if side == "unsigned":
         return orient_normals(contacts)
     if side == "inward":
-        return replace(contacts, normals=-contacts.normals)
+        turned = replace(contacts, normals=-contacts.normals)
+        if (fraction := fraction_in_front(turned)) > INWARD:
+            raise InvalidContactsError(
+                "normals were given as inward, and turned round they point into the object: seen"
+                f" from a contact, {100 * fraction:.0f} % of the others are in front of it. Leave"
+                " out `normals`, or turn them yourself and give `normals` outward",
+                field="normals",
+            )
+        return turned
     if side is None:
         require_outward_normals(contacts)
     return contacts
@@ -110,6 +118,19 @@ def doubt_of_table(contacts: Contacts, height: float | None) -> str:
     return (
         f"{number} of {len(contacts)} contacts are up to {below} mm below the table, z ="
         f" {height:.4g} m: the estimate ends there"
+    )
+
+
+def require_table_below(height: float | None, highest: float, what: str) -> None:
+    """Raise `InvalidOptionError` for a table [m] above the highest point [m] of what is on it."""
+    if height is None or height <= highest:
+        return
+    cure = f": {height:g} mm are {1e-3 * height:g} m" if 1e-3 * height <= highest else ""
+    raise InvalidOptionError(
+        f"support must be the table's height in metres; at {height:g} m it is above all {what}, up"
+        f" to z = {highest:.4g} m{cure}",
+        option="support",
+        value=height,
     )
 
 

@@ -2,7 +2,10 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
+import numpy as np
 import pytest
 import yaml
 
@@ -10,7 +13,7 @@ from lis_grasp.cli import doctor
 from lis_grasp.cli.main import main
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_check import hand_findings
+from lis_grasp.robots.hand_check import _facing_gaps, hand_findings
 from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
 
 
@@ -67,7 +70,7 @@ def folder(tmp_path: Path) -> Path:
         ),
         (
             change_yaml(lambda d: [pad.update(axis=[0, 0, 1]) for pad in d["pads"].values()]),
-            "no two pads face each other",
+            "no two or three pads face each other",
         ),
         (
             change_yaml(lambda d: d["probe_postures"]["index"].update(direction=[0, 0, -1])),
@@ -221,3 +224,18 @@ def test_a_machine_without_a_renderer_is_fit(
     finding = doctor._rendering()
     assert finding.fine
     assert said in finding.text
+
+
+@pytest.mark.parametrize(("tilt", "face"), [(5.0, True), (25.0, True), (35.0, False)])
+def test_three_pads_around_a_ball_face_each_other(tilt: float, face: bool) -> None:
+    """At 120 degrees no two are opposite; their forces balance if turned by up to 30 degrees."""
+    turns = np.radians([0.0, 120.0, 240.0])
+    outward = np.column_stack([np.cos(turns), np.sin(turns), np.zeros(3)])
+    axes = -np.cos(np.radians(tilt)) * outward + np.sin(np.radians(tilt)) * np.array([0, 0, 1])
+    hand = SimpleNamespace(
+        pads=[SimpleNamespace(half_angle=np.pi / 2, radius=0.01)] * 3,
+        pad_centers=lambda X, q: np.array([0.05 * outward]),
+        pad_axes=lambda X, q: np.array([axes]),
+    )
+    gaps = _facing_gaps(cast(Hand, hand), np.zeros((1, 3)))
+    np.testing.assert_allclose(gaps, [0.08] if face else [], atol=1e-12)

@@ -70,8 +70,7 @@ def surroundings_of(
     >>> builder = DiagramBuilder()
     >>> plant, graph = AddMultibodyPlantSceneGraph(builder, 0.002)
     >>> plant.Finalize()
-    >>> context = plant.GetMyContextFromRoot(builder.Build().CreateDefaultContext())
-    >>> len(surroundings_of(plant, graph, context))
+    >>> len(surroundings_of(plant, graph, plant.CreateDefaultContext()))  # before Build()
     0
     """
     left_out = {n if isinstance(n, str) else plant.GetModelInstanceName(n) for n in without}
