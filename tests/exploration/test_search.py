@@ -113,7 +113,7 @@ def test_a_blocked_motion_is_not_repeated() -> None:
             same = np.allclose(probe.target, earlier.probe.target)
             assert not (same and np.allclose(probe.direction, earlier.probe.direction))
         outcomes.append(ProbeOutcome(probe, "blocked", reason="no approach"))
-    # Of a hand that cannot go low, four level sweeps fail; then others, and motions down, are tried.
+    # A hand that cannot go low fails in level sweeps: others, and motions down, are tried.
     ways = {(*np.round(o.probe.direction, 6), round(o.probe.start[2], 6)) for o in outcomes}
     assert len(ways) == len(outcomes)
 
