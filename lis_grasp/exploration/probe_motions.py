@@ -17,11 +17,11 @@ from lis_grasp.typing import BoolArray, FloatArray
 PROBE_SPEED = 0.1
 """Speed of a guarded motion, which may touch at any time [m/s]."""
 
-GENTLE_SPEED = 0.05
+GENTLE_SPEED = 0.03
 """The same if the object may move, from its first contact on [m/s].
 
 A push at speed v gives a free object at most this speed. It topples only if half the width of its
-foot is below v sqrt(h / g), its centre of mass at height h: 3 mm of 30 mm.
+foot is below v sqrt(h / g), its centre of mass at height h: 2 mm of 30 mm.
 """
 
 SLIDE_SPEED = 0.05
