@@ -15,6 +15,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.guesses import Answering
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.motion import Motion
+from lis_grasp.records import short_repr
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization._arm_layer import arm_points, draw_pedestal, standing_points
 from lis_grasp.visualization._drawing import Canvas
@@ -243,6 +244,7 @@ class Scene(Answering):
             colour=PLAIN_ESTIMATE_COLOUR if is_known else TRUTH_COLOUR,
         ).png()
 
+    __repr__ = short_repr
     _repr_png_ = png  # where no script runs, as on a page of a code host
 
     def _repr_html_(self) -> str:
