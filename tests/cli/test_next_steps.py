@@ -89,7 +89,7 @@ def test_a_surface_of_an_unknown_object_is_to_be_looked_at(
     (command,) = _commands(advice)
     advice = _advice(capsys, *command, "--hand", "wsg50", "--grasps", 1)
     assert _commands(advice) == [["view", str(place)]]
-    too_high = ["--support", "0.5", "--output", "none found"]
+    too_high = ["--support", "0.137", "--output", "none found"]
     advice = _advice(capsys, *command, *too_high, "--hand", "wsg50", code=1)
     (part,) = re.findall("(lis-grasp view .*) shows the surface", advice)
     assert _commands(part) == [["view", str(place)]]
