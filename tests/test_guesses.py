@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import pytest
+from made_grasps import jaw_grasp
 
 import lis_grasp as lg
 from lis_grasp import guesses
@@ -21,7 +22,6 @@ from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.guesses import KEYWORDS, Answering, advice_on_option, answers
 from lis_grasp.robots.robot_model import RobotModel
 from lis_grasp.surfaces.queries import Predicting
-from tests.made_grasps import jaw_grasp
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 CONTACTS_FILE = Path(__file__).parents[1] / "examples" / "contacts.csv"
