@@ -32,6 +32,14 @@ _GROUPS = {
     "verb": "lis_grasp.verbs",
 }
 
+# Parameters that need no value, and those that a value given by place may fill.
+_ANY_NUMBER = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+_BY_PLACE = (
+    inspect.Parameter.POSITIONAL_ONLY,
+    inspect.Parameter.POSITIONAL_OR_KEYWORD,
+    inspect.Parameter.VAR_POSITIONAL,
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Registry:
@@ -117,14 +125,6 @@ def misfit(make: Callable[..., Any], *given: str) -> str:
     if first is not None and all(p.kind in _ANY_NUMBER for p in required):
         return ""
     return f"it takes {', '.join(taken.parameters) or 'nothing'}"
-
-
-_ANY_NUMBER = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-_BY_PLACE = (
-    inspect.Parameter.POSITIONAL_ONLY,
-    inspect.Parameter.POSITIONAL_OR_KEYWORD,
-    inspect.Parameter.VAR_POSITIONAL,
-)
 
 
 def qualified_name(plugin: Any) -> str:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import trimesh
@@ -23,6 +24,8 @@ from lis_grasp.results.folder import EARLIER, LOG, read_touches
 _REPORT = "report.json"
 _NAMES = ("object", "hand", "arm", "estimator", "simulator", "seed")
 _ROWS = 16  # of a group of rows, which a reader loads at once
+
+_Read = TypeVar("_Read")
 
 
 def run_folders(folder: Path) -> list[Path]:
@@ -78,20 +81,30 @@ def write_dataset(
         whole_file(path) as temporary,
         parquet.ParquetWriter(temporary, schema, compression="zstd") as writer,
     ):
-        rows: list[Row] = []
-        for number, folder in enumerate(folders, start=1):
-            try:
-                rows.append(run_row(folder))
-            except LisGraspError as error:
-                if skip is None:
-                    raise
-                skip(folder, error)
-            if rows and (len(rows) == _ROWS or number == len(folders)):
-                writer.write_table(pyarrow.Table.from_pylist(rows, schema))
-                count += len(rows)
-                rows.clear()
-            report(number)
+        found = read_runs(folders, run_row, report, skip)
+        while rows := list(islice(found, _ROWS)):
+            writer.write_table(pyarrow.Table.from_pylist(rows, schema))
+            count += len(rows)
     return count
+
+
+def read_runs(
+    folders: Sequence[Path],
+    read: Callable[[Path], _Read],
+    report: Callable[[int], None],
+    skip: Callable[[Path, LisGraspError], None] | None,
+) -> Iterator[_Read]:
+    """Yield what is read of each run; `report` and `skip` as in `write_dataset`."""
+    for number, folder in enumerate(folders, start=1):
+        try:
+            made = read(folder)
+        except LisGraspError as error:
+            if skip is None:
+                raise
+            skip(folder, error)
+        else:
+            yield made
+        report(number)
 
 
 def run_row(folder: Path) -> Row:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from lis_grasp.exceptions import InvalidFileError, LisGraspError, needed_package
 from lis_grasp.io.atomic_writing import whole_file, write_text
 from lis_grasp.io.json_lines import Row
-from lis_grasp_studies.dataset import run_row
+from lis_grasp_studies.dataset import read_runs, run_row
 
 VERSION = "v3.0"
 """Version of the format that is written."""
@@ -98,15 +98,7 @@ def write_lerobot(
         import pyarrow  # noqa: F401
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InvalidFileError.of(folder, "must be a new or an empty folder for a LeRobot data set")
-    episodes = []
-    for number, run in enumerate(runs, start=1):
-        try:
-            episodes.append(_episode(run))
-        except LisGraspError as error:
-            if skip is None:
-                raise
-            skip(run, error)
-        report(number)
+    episodes = list(read_runs(runs, _episode, report, skip))
     if not episodes:
         raise InvalidFileError.of(folder, "needs a run with touches and a lift; there is none")
     _write(folder, episodes)

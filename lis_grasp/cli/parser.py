@@ -82,10 +82,13 @@ class Parser(argparse.ArgumentParser):
 
     def _unflagged(self, word: str) -> str:
         """Return the end of a message on an argument without a flag: which ones there are."""
-        own = [str(a.metavar) for a in self._actions if not a.option_strings and a.metavar]
         if word.startswith("-"):
             return ""
-        return f": arguments without a flag are {', '.join(own) or 'not taken'}"
+        return f": arguments without a flag are {', '.join(self._own()) or 'not taken'}"
+
+    def _own(self) -> list[str]:
+        """Return the names of arguments without a flag."""
+        return [str(a.metavar) for a in self._actions if not a.option_strings and a.metavar]
 
     def _positional(self, flag: str) -> str:
         """Return the end of a message on a name without its flag, or a flag of a name without."""
@@ -94,7 +97,7 @@ class Parser(argparse.ArgumentParser):
         for option, names in (("--hand", READY_HANDS), ("--arm", READY_ARMS)):
             if flag in names and option in self.format_usage():
                 return f": use {option} {flag}"
-        own = [str(a.metavar) for a in self._actions if not a.option_strings and a.metavar]
+        own = self._own()
         name = flag.partition("=")[0].lstrip("-").lower()
         if flag[:2] != "--" or "-" in name or not own:
             return ""

@@ -58,8 +58,8 @@ def execute(options: argparse.Namespace) -> None:
     for line in seen.summary:
         say(line)
     say(f"wrote {folder / VIEW}, {SEEN_CONTACTS}, {SEEN_PAGE}")
-    estimate = f"lis-grasp estimate {{}} --view {{}} --support {options.support:g}"
-    say(next_step(estimate, folder / SEEN_CONTACTS, folder / VIEW))
+    estimate = "lis-grasp estimate {} --view {} --support {}"
+    say(next_step(estimate, folder / SEEN_CONTACTS, folder / VIEW, f"{options.support:g}"))
 
 
 def _load(image: Path, camera: Path | None) -> DepthView:

@@ -195,7 +195,7 @@ def search_probe(
     best, best_value = None, 0.0
     for probe in _candidates(region, neighbours):
         same = (other for other in tried if np.array_equal(probe.target, other.target))
-        if any(float(probe.direction @ other.direction) > 0.999 for other in same):
+        if any(_have_one_way(probe, other) for other in same):
             continue
         value = belief.met_by(probe, region.tip_radius) / _seconds(region, probe)
         value *= 1.0 + _RANDOM * rng.random()
@@ -205,10 +205,15 @@ def search_probe(
     return best
 
 
+def _have_one_way(probe: Probe, other: Probe) -> bool:
+    """Return whether two motions have one direction."""
+    return float(probe.direction @ other.direction) > 0.999
+
+
 def _are_alike(probe: Probe, other: Probe) -> bool:
     """Return whether two motions have one direction and begin at one height."""
-    same = float(probe.direction @ other.direction) > 0.999
-    return same and abs(float(probe.start[2] - other.start[2])) < _OVERLAP
+    apart = abs(float(probe.start[2] - other.start[2]))
+    return _have_one_way(probe, other) and apart < _OVERLAP
 
 
 def _overlapped(

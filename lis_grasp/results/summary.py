@@ -57,11 +57,12 @@ def exploration_lines(facts: dict[str, Any]) -> tuple[str, ...]:
 def _probes(facts: Mapping[str, Any]) -> str:
     """Return the number of probes, and what they were for, where a report has it."""
     purposes, probes = facts.get("purposes", {}), counted(facts["probes"], "probe")
-    counts = [(purposes.get(key, 0), words) for key, words in PURPOSES.items()]
-    parts = [f"{count} {words}" for count, words in counts if count]
-    if purposes and not purposes.get("policy"):
-        parts.append(f"none {PURPOSES['policy']}")
-    return f"{probes}: {', '.join(parts)}" if set(purposes) - {"policy"} else probes
+    parts = [
+        f"{purposes.get(key) or 'none'} {words}"
+        for key, words in PURPOSES.items()
+        if purposes.get(key) or key == "policy"
+    ]
+    return f"{probes}: {', '.join(parts)}" if len(parts) > 1 else probes
 
 
 def motion_line(facts: dict[str, Any]) -> str:

@@ -56,14 +56,20 @@ def fraction_in_front(contacts: Contacts) -> float:
     return float(np.mean(heights[counted] > 0.0)) if counted.any() else 0.0
 
 
-def require_outward_normals(contacts: Contacts) -> None:
-    """Raise `InvalidContactsError` if nearly all contacts are in front of the others."""
+def require_outward_normals(
+    contacts: Contacts,
+    fault: str = "normals must point out of the object; these point inward",
+    cure: str = "Change their sign (`normals` inward does), or keep them by `normals` outward",
+) -> None:
+    """Raise `InvalidContactsError` if nearly all contacts are in front of the others.
+
+    `fault` and `cure` are the beginning and the end of its message.
+    """
     fraction = fraction_in_front(contacts)
     if fraction > INWARD:
         raise InvalidContactsError(
-            "normals must point out of the object; these point inward: seen from a contact,"
-            f" {100 * fraction:.0f} % of the others are in front of it. Change their sign"
-            " (`normals` inward does), or keep them by `normals` outward",
+            f"{fault}: seen from a contact, {100 * fraction:.0f} % of the others are in front of"
+            f" it. {cure}",
             field="normals",
         )
 
@@ -83,13 +89,11 @@ def turned_outward(contacts: Contacts, side: NormalSide | None = None) -> Contac
         return orient_normals(contacts)
     if side == "inward":
         turned = replace(contacts, normals=-contacts.normals)
-        if (fraction := fraction_in_front(turned)) > INWARD:
-            raise InvalidContactsError(
-                "normals were given as inward, and turned round they point into the object: seen"
-                f" from a contact, {100 * fraction:.0f} % of the others are in front of it. Leave"
-                " out `normals`, or turn them yourself and give `normals` outward",
-                field="normals",
-            )
+        require_outward_normals(
+            turned,
+            "normals were given as inward, and turned round they point into the object",
+            "Leave out `normals`, or turn them yourself and give `normals` outward",
+        )
         return turned
     if side is None:
         require_outward_normals(contacts)
