@@ -49,6 +49,7 @@ def worlds_table(rows: Sequence[Row]) -> Table:
         ("moved [mm]", lambda of: f"{max(_all(of, 'moved_mm'), default=0.0):.1f}"),
         ("CPU of touch", lambda of: _ratio(of, rows, "cpu_touch")),
         ("CPU", lambda of: _ratio(of, rows, "cpu")),
+        ("MuJoCo agrees [%]", lambda of: _percent(_mean(_judged_alike(of)))),
     ]
     fitting = _fitting(rows)
     groups = {_label(name): _in(fitting, name) for name in (ALONE, *SCENES)}
@@ -73,6 +74,8 @@ def published(rows: Sequence[Row]) -> dict[str, float]:
         "felt": sum(_all(beside, "felt")),
         "of bodies": sum(_all(beside, "contacts_of_bodies")),
         "given wrongly": sum(_all(beside, "given_wrongly")),
+        "judged": len(_judged_alike(beside)),
+        "judged alike": sum(_judged_alike(beside)),
         "closed": len(closed),
         "said": sum(map(_is_said, closed)),
         "held alone": 100.0 * _mean(map(_is_held, _in(fitting, ALONE))),
@@ -133,6 +136,11 @@ def _is_said(row: Row) -> bool:
     """Return whether a run in the closed box ended early, and named a body that is in the way."""
     ended = row.get("ended", "")
     return row.get("probes", np.inf) <= _SAID and "is in the way" in ended
+
+
+def _judged_alike(of: Sequence[Row]) -> list[bool]:
+    """Return of each executed grasp whether it is held in both simulators or in none."""
+    return [row["held"] == row["held_in_mujoco"] for row in of if "held_in_mujoco" in row]
 
 
 def _mean(values: Any) -> float:

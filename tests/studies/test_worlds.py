@@ -125,20 +125,22 @@ def test_runs_beside_bodies_are_compared_with_the_same_runs_alone() -> None:
         rows += [alone, alone | {"scene": "bin", "cpu": 1.5 * cpu}]
     rows[1] |= {"lift_force": 2.5, "pushed": "east", "moved_mm": 11.0}
     rows[1] |= {"felt": 23, "contacts_of_bodies": 3, "given_wrongly": 1}
-    rows[1] |= {"blocked": 4, "lost": 1, "lost_wrongly": 1}
+    rows[1] |= {"blocked": 4, "lost": 1, "lost_wrongly": 1, "held_in_mujoco": False}
+    rows[3] |= {"held_in_mujoco": True}
     closed = RUN | {"object": "box", "scene": CLOSED, "held": False, "reason": "no_contact"}
     said = "20 probes blocked: no approach: lid is in the way"
     rows += [closed | {"probes": 0, "ended": said}, closed | {"probes": 100, "ended": said}]
     assert losses_table(rows).body == (("bin", "box", "wsg50", "held", "2.5", "east"),)
     line = dict(zip(worlds_table(rows).head, worlds_table(rows).body[1], strict=True))
     assert list(line.values()) == [
-        "bin", "2", "50", "1", "1", "10", "0", "3", "1", "2.5", "11.0", "1.00", "1.50",
+        "bin", "2", "50", "1", "1", "10", "0", "3", "1", "2.5", "11.0", "1.00", "1.50", "50",
     ]  # fmt: skip
     numbers = published(rows)
     assert (numbers["runs"], numbers["held wide"], numbers["held alone"]) == (2, 50.0, 100.0)
     assert (numbers["pushed"], numbers["moved"], numbers["lost wrongly"]) == (1, 1, 1)
     assert (numbers["felt"], numbers["given wrongly"]) == (45, 1)
     assert (numbers["said"], numbers["closed"]) == (1, 2)
+    assert (numbers["judged alike"], numbers["judged"]) == (1, 2)
     assert numbers["blocked bin"] == pytest.approx(10.0)
     assert numbers["cpu bin"] == pytest.approx(1.5)
 
@@ -151,6 +153,7 @@ def test_a_run_beside_bodies_is_measured() -> None:
     assert row["probes"] >= row["contacts"]
     assert row["given_wrongly"] == 0
     assert 0.0 < row["cpu_touch"] < row["cpu"]
+    assert row["held"] == row["held_in_mujoco"]
 
 
 @pytest.mark.slow
