@@ -39,6 +39,7 @@ from lis_grasp_studies.evaluation.grasp_parts import GraspsPart, SimulatorsPart
 from lis_grasp_studies.evaluation.grasp_tables import ALL, REFERENCE, SUBJECT
 from lis_grasp_studies.evaluation.outlines import OutlinesPart
 from lis_grasp_studies.evaluation.part import Part, Places, SeedsPart, group_of, interleaved
+from lis_grasp_studies.evaluation.placings import PlacingsPart
 from lis_grasp_studies.evaluation.suction_lifts import SuctionPart
 from lis_grasp_studies.evaluation.tasks import TasksPart
 from lis_grasp_studies.evaluation.views import ViewsPart
@@ -268,6 +269,7 @@ AnyPart = (
     | WorldsPart
     | TasksPart
     | SuctionPart
+    | PlacingsPart
     | OutlinesPart
     | DosePart
     | ViewsPart

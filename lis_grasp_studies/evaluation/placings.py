@@ -1,0 +1,137 @@
+"""Experiment: objects with flat faces are lifted and put down, planned on each surface.
+
+The plan, written before a run. Objects of a salt that is taken after everything that is compared is
+fixed: nobody saw them. Each rests on the table in its likeliest pose, weighs 0.2 kg, is fixed at a
+known place and touched 40 times by the four-finger hand's kinematic prober, with 0.5 mm and 3
+degrees of noise. The hands, in turns from object to object, lift it by the grasp that is planned
+best on each surface, and put it down on the table, and in a corner: one attempt each, in Drake and
+in MuJoCo.
+
+The primary endpoint is the fraction of placed objects (`PlaceOutcome.placed`: within 5 mm and 5
+degrees of the plan, released, no wall pushed by more than 2 N) in Drake, of those that were held
+after the shake. Goals: 92 % on `blend`, 97 % on `truth`. A plan without a free place is a loss.
+Beside it: how often both simulators agree on `placed`, of the objects held in both; goal 95 %.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from itertools import product
+from typing import ClassVar, Literal
+
+import numpy as np
+import trimesh
+
+from lis_grasp.exceptions import LisGraspError
+from lis_grasp.io.json_lines import Row
+from lis_grasp.stages.lift import lift_object
+from lis_grasp.stages.place import with_place
+from lis_grasp.stages.plan import plan_grasps
+from lis_grasp.stages.scenario import Scenario
+from lis_grasp_studies.evaluation.part import SaltedPart, SaltedTrial
+from lis_grasp_studies.evaluation.suction_lifts import explored
+from lis_grasp_studies.evaluation.touched_shapes import estimated_mesh, scenario_of
+from lis_grasp_studies.harness.experiment import Experiment
+from lis_grasp_studies.harness.statistics import rate_with_interval
+from lis_grasp_studies.harness.tables import NONE, Column, Table, grouped_table, split, where
+from lis_grasp_studies.study.run import DRAKE
+
+_HANDS = ("wsg50", "allegro")
+_GOALS = ("table", "corner")
+_SIMULATORS = ("drake", "mujoco")
+_MASS = 0.2  # [kg]
+
+
+def measure_placings(trial: SaltedTrial, estimator: str) -> list[Row]:
+    """Return what became of an object on the table and in a corner, a row a simulator."""
+    shape, contacts = explored(trial)
+    mesh = estimated_mesh(estimator, shape, contacts)
+    facts = {"object": shape.name, "hand": _HANDS[trial.number % len(_HANDS)]}
+    rows = []
+    for goal, simulator in product(_GOALS, _SIMULATORS):
+        options = {"hand": facts["hand"], "place": goal, "simulator": simulator}
+        scenario = scenario_of(shape, trial.seed, grasps=1, mass=_MASS, **options)
+        row = {"goal": goal, "simulator": simulator, "held": False, "placed": False}
+        rows.append(facts | row | _put_down(with_place(scenario), mesh))
+    return rows
+
+
+def _put_down(scenario: Scenario, mesh: trimesh.Trimesh) -> Row:
+    """Return the outcome of the best grasp on a mesh, lifted and put down."""
+    try:
+        search = plan_grasps(scenario.agent, mesh)
+        if not search.grasps:
+            return {"reason": "no_grasp"}
+        outcome = lift_object(scenario, search.best, estimate=mesh)
+    except LisGraspError as error:
+        return {"reason": type(error).__name__, "failure": str(error)}
+    place = outcome.place
+    assert place is not None  # the task asks for one
+    measured = {key: getattr(place, key) for key in ("moved", "turned", "leaning", "felt")}
+    return {"held": outcome.held, "placed": place.placed, "reason": place.reason} | measured
+
+
+PLACINGS = Experiment("placings", measure_placings, asdict, modules=(DRAKE,))
+"""The experiment; its variants are estimators and `TRUTH`."""
+
+
+class PlacingsPart(SaltedPart):
+    """Objects put down on the table and in a corner."""
+
+    measure: Literal["placings"]
+    experiment: ClassVar[Experiment] = PLACINGS
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """Return the placed objects of those held, for each surface and goal."""
+        columns: list[Column] = [
+            ("placed, of those held (95 %)", lambda of: _rate(_held(of))),
+            ("on the table", lambda of: _rate(where(_held(of), goal="table"))),
+            ("in a corner", lambda of: _rate(where(_held(of), goal="corner"))),
+            ("moved [mm]", lambda of: _median(of, "moved", 1e3)),
+            ("turned [deg]", lambda of: _median(of, "turned", 180.0 / np.pi)),
+            ("other ends", _reasons),
+            ("MuJoCo agrees", lambda of: "{} of {}".format(*_agreement(of))),
+        ]
+        title = "Put down after the lift"
+        return [grouped_table("placings", title, "planned on", split(rows, "estimator"), columns)]
+
+    def numbers(self, rows: Sequence[Row]) -> dict[str, float]:
+        """Return how many objects were placed, of those held, and how often MuJoCo agrees."""
+        found: dict[str, float] = {}
+        for name, of in split(rows, "estimator").items():
+            held, (alike, judged) = _held(of), _agreement(of)
+            found |= {f"placed {name}": _placed(held), f"held {name}": len(held)}
+            found |= {f"alike {name}": alike, f"judged {name}": judged}
+        return found
+
+
+def _held(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows of objects that Drake held after the shake."""
+    return [row for row in where(rows, simulator="drake") if row["held"]]
+
+
+def _placed(rows: Sequence[Row]) -> int:
+    return sum(row["placed"] for row in rows)
+
+
+def _rate(rows: Sequence[Row]) -> str:
+    return rate_with_interval(_placed(rows), len(rows))
+
+
+def _agreement(rows: Sequence[Row]) -> tuple[int, int]:
+    """Return how many placings end alike in both simulators, of how many held in both."""
+    pairs = split((row for row in rows if row["held"]), "estimator", "number", "seed", "goal")
+    both = [pair for pair in pairs.values() if len(pair) == len(_SIMULATORS)]
+    return sum(len({row["placed"] for row in pair}) == 1 for pair in both), len(both)
+
+
+def _median(rows: Sequence[Row], name: str, scale: float) -> str:
+    values = [row[name] for row in _held(rows) if row.get(name) is not None]
+    return f"{scale * np.median(values):.1f}" if values else NONE
+
+
+def _reasons(rows: Sequence[Row]) -> str:
+    """Return how objects that Drake held ended otherwise than placed."""
+    lost = sorted(split((row for row in _held(rows) if not row["placed"]), "reason").items())
+    return ", ".join(f"{reason} {len(of)}" for reason, of in lost)
