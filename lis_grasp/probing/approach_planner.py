@@ -145,24 +145,31 @@ class ApproachPlanner:
         searches = height is not None and probe.direction[2] == 0.0
         searched: list[Approach] = []
         spare: list[list[Approach]] = []
+
+        def reached(approaches: list[Approach]) -> Approach | None:
+            if self._reach is None:
+                return self._with_way(approaches, obstacles, hits)
+            return self._reached(self._reach, approaches, probe, obstacles, start)
+
         for axis in self._axes_of(probe, searches):
             free: list[Approach] = []
             near: list[Approach] = []
             for approach in self._collision_free(axis, probe, obstacles, hits):
                 level = self._nearness(approach, probe, keep_out)
                 if level == FREE and self._reach is None and not searches:
-                    return approach  # a free hand follows every approach
-                if level == FREE:
+                    if (found := reached([approach])) is not None:
+                        return found
+                elif level == FREE:
                     (searched if searches else free).append(approach)
                 elif level < INSIDE or self._reach is None:
                     near.append(approach)
             spare.append(near)
-            if (reached := self._reached(free, probe, obstacles, start)) is not None:
-                return reached
+            if (found := reached(free)) is not None:
+                return found
         exposed = self._least_exposed(searched, probe, height) if height is not None else ()
         for some in chain(exposed, spare):
-            if (reached := self._reached(some, probe, obstacles, start)) is not None:
-                return reached
+            if (found := reached(some)) is not None:
+                return found
         if not hits or self._beside is None:
             return blocked
         return f"{blocked}: {self._beside.in_the_way(*hits[0])} is in the way"
@@ -200,12 +207,11 @@ class ApproachPlanner:
                 if _collides(points[k] - offsets, obstacles).any():
                     continue
                 approach = rolled[k]
-                if self._beside is not None:
-                    between = self._between(approach, probe, obstacles, self._beside)
-                    if not isinstance(between, Approach):
-                        hits.append((posture, between))
-                        continue
-                    approach = between
+                if self._beside is not None and self._beside.hits(
+                    posture, path := _path(approach, probe)
+                ):
+                    hits.append((posture, path))
+                    continue
                 yield approach
 
     def _least_exposed(
@@ -228,27 +234,22 @@ class ApproachPlanner:
         for _, equal in groupby(sorted(widths, key=itemgetter(0)), itemgetter(0)):
             yield [approach for _, approach in equal]
 
-    def _between(
-        self, approach: Approach, probe: Probe, obstacles: ObstacleModel, beside: BodiesBeside
-    ) -> Approach | FloatArray:
-        """Return an approach with a free hand's way to it, or the path (W, 4, 4) that hits a body.
-
-        The motion beyond the target may end before a body.
-        """
-        back = np.arange(-approach.distance, 0.0, POSE_SPACING)[:, None] * approach.axis
-        length = probe.standoff + min(probe.overshoot, _FARTHER)
-        ahead = np.append(np.arange(0.0, length, POSE_SPACING), length)[:, None] * probe.direction
-        path = np.repeat(approach.X_OH[None], len(back) + len(ahead), axis=0)
-        path[:, :3, 3] += np.vstack([back, ahead])
-        posture, outside = approach.posture, approach.X_OH_outside
-        if beside.hits(posture, path):
-            return path
-        if self._reach is not None:
-            return approach
-        way = beside.way_out(posture, outside, -approach.axis, obstacles.space)
-        if way is None:
-            return outside[None]
-        return replace(approach, way=tuple(way[::-1]))
+    def _with_way(
+        self,
+        approaches: list[Approach],
+        obstacles: ObstacleModel,
+        hits: list[tuple[ProbePosture, FloatArray]],
+    ) -> Approach | None:
+        """Return the first approach that a free hand has a way to, and list those without one."""
+        if self._beside is None:
+            return approaches[0] if approaches else None
+        for approach in approaches:
+            posture, outside = approach.posture, approach.X_OH_outside
+            way = self._beside.way_out(posture, outside, -approach.axis, obstacles.space)
+            if way is not None:
+                return replace(approach, way=tuple(way[::-1]))
+            hits.append((posture, outside[None]))
+        return None
 
     def _nearness(self, approach: Approach, probe: Probe, keep_out: KeepOut) -> int:
         """Return how near the links other than fingertips come to the estimate on the motion."""
@@ -262,15 +263,16 @@ class ApproachPlanner:
 
     def _reached(
         self,
+        reach: ProbeReach,
         approaches: list[Approach],
         probe: Probe,
         obstacles: ObstacleModel,
         start: ArmPlace | None,
     ) -> Approach | None:
         """Return one of the approaches that the arm can follow, the nearest to its start."""
-        if self._reach is None or not approaches:
-            return approaches[0] if approaches else None
-        reached = self._reach.first(
+        if not approaches:
+            return None
+        reached = reach.first(
             np.array([approach.X_OH for approach in approaches]),
             np.array([approach.posture.joint_positions for approach in approaches]),
             approach=np.array([approach.distance * approach.axis for approach in approaches]),
@@ -284,6 +286,19 @@ class ApproachPlanner:
         """Yield every hand at the start of a probe, without an approach and without a check."""
         for posture, center_H, _ in self._bodies:
             yield from _rolled(posture, center_H, probe, probe.direction, 0.0)
+
+
+def _path(approach: Approach, probe: Probe) -> FloatArray:
+    """Return poses of the hand (W, 4, 4) on an approach and the motion to its target.
+
+    The motion beyond the target may end before a body.
+    """
+    back = np.arange(-approach.distance, 0.0, POSE_SPACING)[:, None] * approach.axis
+    length = probe.standoff + min(probe.overshoot, _FARTHER)
+    ahead = np.append(np.arange(0.0, length, POSE_SPACING), length)[:, None] * probe.direction
+    path = np.repeat(approach.X_OH[None], len(back) + len(ahead), axis=0)
+    path[:, :3, 3] += np.vstack([back, ahead])
+    return path
 
 
 def _collides(points: FloatArray, obstacles: ObstacleModel) -> BoolArray:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import igl
 import numpy as np
 import trimesh
 
-from lis_grasp.typing import FloatArray, IndexArray, IntArray
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 # Areas and volumes below this fraction of their largest terms have no certain sign.
 _ROUNDING = 1e-12
+# Triangles above which the tree that libigl builds in a call costs more than one point's ray.
+_FACES_A_RAY = 32
+# Cells along each axis of a mesh's bounding box.
+_CELLS = 64
 
 
 def distances_to_mesh(points: FloatArray, mesh: trimesh.Trimesh) -> tuple[FloatArray, IndexArray]:
@@ -80,8 +86,10 @@ def any_inside(mesh: trimesh.Trimesh, points: FloatArray) -> bool:
 class InsideTest:
     """The point-in-mesh test for many calls on one closed, outward-oriented mesh.
 
-    The winding number at a point: cast a ray upward, count the faces where it leaves the mesh, and
-    subtract those where it enters. This takes a tenth of the time of adding up solid angles.
+    A few points cast a ray upward each: their winding number is the count of faces where it leaves
+    the mesh, less those where it enters. This takes a tenth of the time of adding up solid angles.
+    Many points are sorted into a grid: all of a cell that the surface does not meet are inside if
+    its centre is. A cell is tested when a point is first in it.
     """
 
     def __init__(self, mesh: trimesh.Trimesh) -> None:
@@ -91,11 +99,47 @@ class InsideTest:
         # The rectangles that bound the triangles' shadows on the x-y plane, (2, T).
         self._least = np.ascontiguousarray(self._triangles[:, :, :2].min(axis=1).T)
         self._most = np.ascontiguousarray(self._triangles[:, :, :2].max(axis=1).T)
+        # Of each cell: tested, not met by the surface, inside.
+        self._tested, self._clear, self._within = np.zeros((3, _CELLS**3), dtype=bool)
+        self._size = (self._high - self._low) / _CELLS  # (3,)
 
     def any_inside(self, points: FloatArray) -> bool:
-        """Return whether any of the points (P, 3) [m] is inside."""
+        """Return whether any of a few points (P, 3) [m] is inside."""
         boxed = points[np.all((points > self._low) & (points < self._high), axis=1)]
         return any(self._is_inside(point) for point in boxed)
+
+    def inside(self, points: FloatArray) -> BoolArray:
+        """Return which of many points (P, 3) [m] are inside, shape (P,)."""
+        inside = np.all((points > self._low) & (points < self._high), axis=1)
+        boxed = np.flatnonzero(inside)
+        if self._closed and boxed.size:
+            index = np.minimum((points[boxed] - self._low) / self._size, _CELLS - 1).astype(int)
+            cells = np.ravel_multi_index((*index.T,), (_CELLS,) * 3)
+            self._test(np.unique(cells[~self._tested[cells]]))
+            inside[boxed] = self._within[cells]
+            boxed = boxed[~self._clear[cells]]
+        inside[boxed] = self._wound(points[boxed])
+        return inside
+
+    def _test(self, cells: IndexArray) -> None:
+        """Test which cells (C,) the surface does not meet, and which of these are inside."""
+        if not cells.size:
+            return
+        index = np.column_stack(np.unravel_index(cells, (_CELLS,) * 3))
+        centers = self._low + (index + 0.5) * self._size
+        clear = self._tree.nearest(centers)[0] > 0.25 * self._size @ self._size
+        self._tested[cells] = True
+        self._clear[cells] = clear
+        self._within[cells[clear]] = self._wound(centers[clear])
+
+    def _wound(self, points: FloatArray) -> BoolArray:
+        if _FACES_A_RAY * len(points) < len(self._triangles):
+            return np.array([self._is_inside(point) for point in points], dtype=bool)
+        return winding_numbers(points, self._mesh.vertices, self._mesh.faces) > 0.5
+
+    @cached_property
+    def _tree(self) -> MeshTree:
+        return MeshTree(self._mesh)
 
     def _is_inside(self, point: FloatArray) -> bool:
         (x, y), least, most = point[:2], self._least, self._most

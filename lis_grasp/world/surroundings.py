@@ -18,7 +18,7 @@ from lis_grasp.io.option import place
 from lis_grasp.records import FrozenArrays, reduce_record
 from lis_grasp.robots.robot_model import Inertial, LinkGeometry
 from lis_grasp.shapes.loading import FARTHEST_OBSTACLE
-from lis_grasp.shapes.mesh_distance import MeshTree, winding_numbers
+from lis_grasp.shapes.mesh_distance import InsideTest, MeshTree
 from lis_grasp.shapes.object_mass import USUAL_FRICTION
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -136,15 +136,14 @@ def _distance_from(geometry: LinkGeometry) -> Callable[[FloatArray], FloatArray]
         radius = float(geometry.dimensions[0])
         return lambda points: np.linalg.norm(points, axis=1) - radius
     parts = geometry.mesh.split(only_watertight=True, repair=False)
-    closed = trimesh.util.concatenate(parts) if len(parts) else trimesh.Trimesh()
     tree = MeshTree(geometry.mesh)
+    if not len(parts):
+        return lambda points: np.sqrt(tree.nearest(points)[0])
+    test = InsideTest(trimesh.util.concatenate(parts))
 
     def distance(points: FloatArray) -> FloatArray:
         apart = np.sqrt(tree.nearest(points)[0])
-        if not len(closed.faces):
-            return apart
-        inside = winding_numbers(points, closed.vertices, closed.faces) > 0.5
-        return np.where(inside, -apart, apart)
+        return np.where(test.inside(points), -apart, apart)
 
     return distance
 

@@ -7,7 +7,12 @@ import trimesh
 from random_directions import random_directions
 
 from lis_grasp import shapes
-from lis_grasp.shapes.mesh_distance import any_inside, distances_to_mesh, winding_numbers
+from lis_grasp.shapes.mesh_distance import (
+    InsideTest,
+    any_inside,
+    distances_to_mesh,
+    winding_numbers,
+)
 
 
 def test_a_ball_winds_once_round_its_inside() -> None:
@@ -70,3 +75,18 @@ def test_an_open_mesh_still_has_an_inside() -> None:
     box = trimesh.creation.box((2, 2, 2))
     open_box = trimesh.Trimesh(box.vertices, box.faces[1:], process=False)
     assert any_inside(open_box, np.array([[0.1, 0.2, 0.3]]))
+
+
+@pytest.mark.parametrize("name", ["box", "hollow_cylinder"])
+def test_cells_of_a_grid_agree_with_the_winding_number(name: str) -> None:
+    mesh = shapes.build(name).mesh
+    rng = np.random.default_rng(1)
+    low, high = mesh.bounds
+    near = mesh.sample(300, seed=2) + rng.normal(scale=1e-4, size=(300, 3))
+    points = np.vstack([rng.uniform(low - 0.01, high + 0.01, (700, 3)), near])
+    inside = winding_numbers(points, mesh.vertices, mesh.faces) > 0.5
+    assert 100 < inside.sum() < 900
+    test = InsideTest(mesh)
+    for part in (points, points[::-1][:5], points):  # a few, and again in cells that are known
+        expected = winding_numbers(part, mesh.vertices, mesh.faces) > 0.5
+        np.testing.assert_array_equal(test.inside(part), expected)
