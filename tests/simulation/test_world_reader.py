@@ -15,6 +15,8 @@ from pydrake.multibody.tree import PrismaticJoint, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
+from lis_grasp import shapes
+from lis_grasp.drake import add_object
 from lis_grasp.exceptions import (
     InvalidFileError,
     InvalidInputError,
@@ -297,6 +299,22 @@ def test_bodies_of_an_own_plant_are_at_their_present_poses() -> None:
         plant, scene_graph, context, without=[robot.model_instance()], table=0.32
     )
     assert _names(lower) == ["cup"]
+
+
+def test_a_mesh_in_memory_is_read() -> None:
+    """An object of `add_object` is a neighbour, or is left out, in a plant of one's own."""
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.001)
+    add_object(plant, "box", name="carton")
+    add_object(plant, "cylinder")
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    (carton,) = surroundings_of(plant, scene_graph, context, without=["object"], table=None)
+    assert carton.name == "carton"
+    assert carton.inertial.mass == pytest.approx(0.2)
+    expected = shapes.find("box").mesh
+    np.testing.assert_allclose(carton.mesh.bounds, expected.bounds, atol=1e-9)
+    assert carton.mesh.volume == pytest.approx(expected.volume)
 
 
 def test_too_many_triangles_are_refused() -> None:

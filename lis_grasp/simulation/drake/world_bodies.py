@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -202,7 +203,7 @@ def _shape(
             mesh = trimesh.creation.icosphere(subdivisions=3)
             mesh.apply_scale([shape.a(), shape.b(), shape.c()])
         case Mesh() | Convex():
-            mesh = load_link_mesh(Path(shape.source().path()), shape.scale3())
+            mesh = _mesh(shape)
             mesh = mesh.convex_hull if isinstance(shape, Convex) else mesh
         case HalfSpace():
             return None
@@ -212,6 +213,18 @@ def _shape(
                 f" meshes; body {name} has a {type(shape).__name__}: replace it"
             )
     return LinkGeometry(name, X_BG, "mesh", (), mesh)
+
+
+def _mesh(shape: Mesh | Convex) -> trimesh.Trimesh:
+    """Return the mesh of a shape, whose file is on disk or in memory."""
+    source = shape.source()
+    if source.is_path():
+        return load_link_mesh(Path(source.path()), shape.scale3())
+    file = source.in_memory().mesh_file
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"mesh{file.extension()}"
+        path.write_bytes(file.contents())
+        return load_link_mesh(path, shape.scale3())
 
 
 def _rises(geometry: LinkGeometry, X_EB: FloatArray, table: float) -> bool:
