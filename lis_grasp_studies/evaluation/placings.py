@@ -116,7 +116,7 @@ def _placed(rows: Sequence[Row]) -> int:
 
 
 def _rate(rows: Sequence[Row]) -> str:
-    return rate_with_interval(_placed(rows), len(rows))
+    return rate_with_interval(_placed(rows), len(rows)) if rows else NONE
 
 
 def _agreement(rows: Sequence[Row]) -> tuple[int, int]:
