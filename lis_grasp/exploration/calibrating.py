@@ -11,8 +11,8 @@ from lis_grasp.exploration.targets import Targets
 # Seen contacts whose deviation along their normals is larger are worth a touch [m]: twice the noise
 # of one.
 _UNCERTAIN = 0.001
-# Touches of seen surface are the first of all and every second one, up to this one.
-_EVERY, _LAST = 2, 5
+# Touches of seen surface are the first of all and every third one, up to this one.
+_EVERY, _LAST = 3, 7
 # Surface within this distance of a seen contact was seen [m].
 _NEAR = 0.006
 

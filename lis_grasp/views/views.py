@@ -18,6 +18,7 @@ from lis_grasp.surfaces.contact_preparation import thin_contacts
 from lis_grasp.typing import BoolArray, FloatArray
 from lis_grasp.views.depth_view import DepthView
 from lis_grasp.views.hand_eye import Calibration, Sight, calibrate
+from lis_grasp.views.lower_half import lower_half
 
 # An implied contact deeper in seen free space is wrong [m]; free space ends so many deviations of
 # the place of what is seen before it.
@@ -25,6 +26,8 @@ _CLEARLY_FREE, _DEVIATIONS = 0.004, 3.0
 # A touch contradicts what a contour implies within this distance [m], on this side, this far off
 # [m], or if a finger passed there, by [m].
 _NEAR, _PARALLEL, _OFF, _PASSED = 0.03, 0.3, 0.008, 0.002
+# A mirror image says more of the surface this near than a contour [m].
+_SAID_BY_IMAGE = 0.012
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
@@ -156,12 +159,25 @@ class Views(Record):
         )
 
     def guesses(self, touches: Contacts) -> Contacts:
-        """Return what the contours imply of unseen surface, less what touches contradict.
+        """Return what views and touches imply of unseen surface, less what touches contradict.
 
-        They are no measurements: an estimator takes them as weak contacts, and nothing saves them.
+        That is what the contours imply, and the lower half of an object that is alike above and
+        below (`lower_half`). They are no measurements: an estimator takes them as weak contacts,
+        and nothing saves them.
         """
-        implied = self._implied
+        implied, images = self._implied, self._lower_half(touches)
+        if len(images):
+            away, _ = cKDTree(images.points).query(implied.points)
+            implied = implied.subset(away > _SAID_BY_IMAGE).append(images)
         return implied.subset(~_contradicted(implied, touches))
+
+    def _lower_half(self, touches: Contacts) -> Contacts:
+        """Return the mirror images of what is seen and touched, where nothing is seen."""
+        views = tuple(view for view, _ in self.believed)
+        seen = sum((view.contacts for view in views), Contacts.empty())
+        eyes = np.array([view.X_WC[:3, 3] for view in views]).reshape(-1, 3)
+        # An error of a camera's pose moves seen surface and free space alike: no margin for it.
+        return lower_half(seen, touches, eyes, FreeViews(views, 0.0), self.support_height)
 
     @cached_property
     def _implied(self) -> Contacts:
