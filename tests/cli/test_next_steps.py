@@ -148,6 +148,7 @@ def test_an_exploration_without_contact_is_to_be_looked_at(
     made = (None, Nothing())
     monkeypatch.setattr("lis_grasp.cli.explore.explore_object", lambda *_, **__: made)
     monkeypatch.setattr("lis_grasp.cli.explore.exploration_facts", lambda *_: {})
+    monkeypatch.setattr("lis_grasp.cli.explore.view_facts", lambda *_: {})
     advice = _advice(capsys, "explore", "box", *HAND, "--output", "nothing there", code=1)
     (part,) = re.findall("(lis-grasp view .*) shows where", advice)
     assert _commands(part) == [["view", "nothing there"]]
