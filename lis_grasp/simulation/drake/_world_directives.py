@@ -48,9 +48,9 @@ def load_directives(path: Path, scenario: str | None, packages: PackageMap) -> M
     gone = _with_placed_on(directives, robots | set(lacking))
     names = [model.name for model in models]
     if lacking and not set(names) - robots - set(lacking):
-        models = listed([f"{name} ({lacked})" for name, lacked in lacking.items()])
+        found = listed([f"{name} ({lacked})" for name, lacked in lacking.items()])
         raise InvalidFileError(
-            f"{path} must have a model whose files are on this disk; it has {models}"
+            f"{path} must have a model whose files are on this disk; it has {found}"
             f"{_without_package(path, lacking.values())}",
             path=path,
             field="directives",
