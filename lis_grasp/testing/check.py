@@ -94,7 +94,7 @@ class HeldClaims:
 
     Examples
     --------
-    >>> lis_grasp.testing.check_policy("random")
+    >>> check_policy("random")
     22 of 22 claims hold
     """
 
