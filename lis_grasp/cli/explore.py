@@ -10,8 +10,8 @@ from lis_grasp.cli.progress import PRINTED, next_step, say
 from lis_grasp.cli.view import watched
 from lis_grasp.results.exploring import explore_object
 from lis_grasp.results.folder import LOG, results_folder
-from lis_grasp.results.report import exploration_facts
-from lis_grasp.results.summary import exploration_lines
+from lis_grasp.results.report import exploration_facts, view_facts
+from lis_grasp.results.summary import exploration_lines, view_lines
 from lis_grasp.task.task import Task
 
 
@@ -33,7 +33,8 @@ def execute(options: argparse.Namespace) -> int:
 
 def _explore(task: Task, folder: Path, *, fresh: bool) -> int:
     scenario, exploration = explore_object(task, folder, progress=PRINTED, fresh=fresh)
-    for line in exploration_lines(exploration_facts(scenario, exploration)):
+    lines = exploration_lines(exploration_facts(scenario, exploration))
+    for line in [*lines, *view_lines(view_facts(scenario, exploration).get("views", {}))]:
         say(line)
     path = folder / "contacts.ply"
     say(f"ended: {exploration.ended}")

@@ -111,10 +111,21 @@ def execute(options: argparse.Namespace) -> int:
             then = f"lis-grasp view {{}} shows the surface; then {then}"
         say(next_step(then, surface))
         return 1
-    known = "object" in made.recorded
-    lift, view = ("lis-grasp lift {}", made.path), ("lis-grasp view {}", made.path.parent)
-    say(next_step(*(lift if known else view)))
+    say(_next_step(made, options.mesh))
     return 0
+
+
+def _next_step(made: GraspedFile, mesh: Path) -> str:
+    """Return the advice to lift the known object, else to view the surface, else to lift the mesh.
+
+    A folder without the surface has nothing to view before a lift.
+    """
+    folder = made.path.parent
+    if "object" in made.recorded:
+        return next_step("lis-grasp lift {}", made.path)
+    if any((folder / name).is_file() for name in ("surface.ply", "contacts.ply")):
+        return next_step("lis-grasp view {}", folder)
+    return next_step("lis-grasp lift {} --object {}", made.path, mesh)
 
 
 def _label(options: argparse.Namespace, made: GraspedFile) -> Sequence[Mapping[str, Any]]:

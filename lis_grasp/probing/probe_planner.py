@@ -192,6 +192,22 @@ class ProbePlanner:
         lowest = float(self._checker.lowest(approach.X_OH @ self._poses[approach.posture.finger]))
         return max(lowest - height, 0.0) / -float(probe.direction[2])
 
+    def ended_before(
+        self, approach: Approach, probe: Probe, obstacles: ObstacleModel | None
+    ) -> Probe:
+        """Return the probe with its end where the hand would enter the table or a known body.
+
+        A robot gets no motion that only its contact would keep out of them.
+        """
+        length = self.above_table(approach, probe, obstacles)
+        length = min(length, self.before_bodies(approach, probe))
+        if length >= probe.standoff + probe.overshoot:
+            return probe
+        if length >= probe.standoff:
+            return replace(probe, overshoot=length - probe.standoff)
+        target = probe.start + length * probe.direction
+        return replace(probe, target=target, standoff=length, overshoot=0.0)
+
 
 def _searching(leg: Leg, speed: float) -> Leg:
     """Return a leg at the speed of a search [m/s]: the table yields to no push, so down is slow."""

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 import trimesh
+from trimesh.graph import connected_components
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGraspError
@@ -22,6 +23,7 @@ from lis_grasp.results.stage_files import (
     NOISE,
     write_surface,
 )
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.stages.contact_sources import ContactSource, join_sources, read_source
 from lis_grasp.stages.known_table import known_table
 from lis_grasp.stages.looking import load_views
@@ -113,6 +115,8 @@ def estimate_file(
             with result_file(folder / "contacts.ply", progress) as copy:
                 given = {} if place.support is None else {"support_height": place.support}
                 contacts.save(copy, header=provenance.merge(recorded, **given))
+    if doubt := _doubt_of_one(mesh, contacts):
+        progress.say(f"{WARNING}{doubt}")
     return EstimatedFile(path, mesh, contacts, not is_kept)
 
 
@@ -185,6 +189,24 @@ def _require_contacts_fit(folder: Path, contacts: Contacts, sources: Sequence[Pa
             value=str(folder),
         )
     return False
+
+
+def _doubt_of_one(mesh: trimesh.Trimesh, contacts: Contacts) -> str:
+    """Return how many separate bodies an estimate has that were touched; empty for one."""
+    faces = connected_components(mesh.face_adjacency, nodes=np.arange(len(mesh.faces)))
+    if len(faces) < 2:
+        return ""
+    _, nearest = distances_to_mesh(contacts.points, mesh)
+    part_of = np.empty(len(mesh.faces), dtype=np.intp)
+    for part, members in enumerate(faces):
+        part_of[members] = part
+    count = len(np.unique(part_of[nearest]))
+    if count < 2:
+        return ""
+    return (
+        f"the estimate has {count} separate bodies that were touched, and its size is that of all"
+        " together: give the contacts of one object"
+    )
 
 
 def _findings(contacts: Contacts, paths: Sequence[Path], *, checked: bool) -> Iterator[str]:

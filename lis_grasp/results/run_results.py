@@ -28,7 +28,10 @@ from lis_grasp.task.recorded_facts import located, read_facts
 from lis_grasp.task.task import Task
 
 # Files whose headers have the object's pose, the last written first.
-SOURCES = ("grasps.json", "surface.ply", "contacts.ply")
+SOURCES = ("grasps.json", "surface.ply", "contacts.ply", "lifts.json")
+
+# Facts of an object that a lift names, where its grasps are of a mesh of no known object.
+_OBJECT = ("object", "size", "units", "up")
 
 
 class _Report(FileRecord):
@@ -108,9 +111,13 @@ class Run(Answering):
                 path=folder,
             )
         report = files.get("report.json")
+        facts = read_facts(source)
+        if "object" not in facts and "lifts.json" in files:
+            lifted = read_facts(files["lifts.json"])
+            facts = {**facts, **{n: lifted[n] for n in _OBJECT if n in lifted}}
         return cls(
             folder,
-            read_facts(source),
+            facts,
             Contacts.load(files["contacts.ply"]) if "contacts.ply" in files else None,
             load_surface(files["surface.ply"]) if "surface.ply" in files else None,
             GraspSearch.load(files["grasps.json"]) if "grasps.json" in files else None,

@@ -15,7 +15,9 @@ from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.point_pictures import points_svg
 from lis_grasp.results.folder import VIEW, require_own
+from lis_grasp.results.notes import WARNING
 from lis_grasp.views import DepthView, Views, save_view, segment_object
+from lis_grasp.views.seen_table import doubt_of_seen_table, require_level_table
 from lis_grasp.visualization.view_layers import GUESSED_COLOUR, UNKNOWN_COLOUR, depth_picture
 
 SEEN_CONTACTS, SEEN_PAGE = "contacts.ply", "seen.html"
@@ -33,10 +35,11 @@ class SeenObject:
     contacts: Contacts  #: thinned
     guesses: Contacts  #: implied by the contour
     mask_is_given: bool
+    doubt: str = ""  #: of the camera's pose, in words
 
     @property
-    def summary(self) -> tuple[str, str]:
-        """What was understood, and what is unknown, in a line each."""
+    def summary(self) -> tuple[str, ...]:
+        """What was understood, what is unknown, and a doubt if there is one, in a line each."""
         points = self.view.contacts.points
         middle = ", ".join(f"{x:.3f}" for x in 0.5 * (points.min(axis=0) + points.max(axis=0)))
         source = "as given" if self.mask_is_given else "found above the table"
@@ -49,6 +52,7 @@ class SeenObject:
             f" of {noise:.2g} mm",
             f"unknown: {unknown:.0f} % of its pixels have no depth; its contour implies"
             f" {len(self.guesses)} weak contacts of the side that is not seen",
+            *([f"{WARNING}{self.doubt}"] if self.doubt else []),
         )
 
 
@@ -56,9 +60,11 @@ def see(view: DepthView, support_height: float, folder: Path) -> SeenObject:
     """Write what a view shows of an object: view.npz, contacts.ply and a page, seen.html.
 
     The mask is found above the table at `support_height` [m] if the view has none. Raises
-    `NothingSeenError` if nothing stands on the table, or no pixel of it has a depth, and
-    `InvalidFileError` if the folder has another program's contacts.ply.
+    `NothingSeenError` if nothing stands on the table, or no pixel of it has a depth,
+    `InvalidViewError` if the table in the image is not level, and `InvalidFileError` if the folder
+    has another program's contacts.ply.
     """
+    require_level_table(view, support_height)
     given = view.mask is not None
     masked = view if given else segment_object(view, support_height)
     contacts = Views((masked,), support_height).contacts(_MOST)
@@ -67,7 +73,8 @@ def see(view: DepthView, support_height: float, folder: Path) -> SeenObject:
             "the object's pixels have no depth that makes a contact: give another mask, or a view"
             " from another side"
         )
-    seen = SeenObject(masked, contacts, masked.guesses(support_height), given)
+    doubt = doubt_of_seen_table(masked, support_height)
+    seen = SeenObject(masked, contacts, masked.guesses(support_height), given, doubt)
     require_own(folder / SEEN_CONTACTS)
     folder.mkdir(parents=True, exist_ok=True)
     save_view(masked, folder / VIEW)

@@ -91,7 +91,7 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
         f"estimated rmsd {1e3 * surface['rmsd']:.2f} mm{edges}",
     ]
     lines += [f"doubted   {warning}" for warning in report.get("warnings", ())]
-    lines += _view_lines(report.get("views", {}))
+    lines += view_lines(report.get("views", {}))
     iou = surface["iou"]
     if iou is not None and iou < _LOW_IOU:
         lines.append(
@@ -134,7 +134,7 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _view_lines(facts: Mapping[str, Any]) -> list[str]:
+def view_lines(facts: Mapping[str, Any]) -> list[str]:
     """Return what cameras saw, and how certain its place is, if there was a camera."""
     if facts.get("dropped"):
         return [f"seen      not used: {facts['dropped']}"]

@@ -24,6 +24,7 @@ from lis_grasp.views import (
     segment_object,
     simulate_view,
 )
+from lis_grasp.views.seen_table import doubt_of_seen_table, require_level_table
 
 
 def views_of(task: Task, shape: Shape, support_height: float) -> Views | None:
@@ -51,11 +52,16 @@ def load_views(
 ) -> Iterator[DepthView]:
     """Load views of an object on a table at a height [m], and find its pixels; see `views_of`.
 
-    They have the task's error between camera and hand.
+    They have the task's error between camera and hand. A warning says if the table is seen
+    elsewhere than this error explains; raises `InvalidViewError` if it is not level.
     """
     for path in paths:
         view = replace(load_view(path), hand_eye=HandEye(*task.robot.hand_eye))
-        yield view if view.mask is not None else _segmented(view, task, support_height)
+        require_level_table(view, support_height)
+        view = view if view.mask is not None else _segmented(view, task, support_height)
+        if doubt := doubt_of_seen_table(view, support_height):
+            note(f"{path}: {doubt}")
+        yield view
 
 
 def _segmented(view: DepthView, task: Task, support_height: float) -> DepthView:

@@ -218,6 +218,7 @@ def next_touch_after(
                 distance = float(np.linalg.norm(so_far.points - probe.target, axis=1).min())
                 deviation = float(state.estimated.uncertainty(probe.target[None])[0])
             sought = sought_ends(strategy, state)
+            probe = planner.ended_before(approach, probe, chosen.obstacles)
             return NextTouch(probe, approach, policy, distance, deviation, blocked, sought)
         outcome = ProbeOutcome(probe, "blocked", reason=approach)
         state = advance(perception, state, outcome)

@@ -18,7 +18,7 @@ from lis_grasp.grasping.samplers import sampler_of
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import HAND_CHECKS, opening_range
-from lis_grasp.testing.check import Check, Claim, Claims, plugin_name, require_all
+from lis_grasp.testing.check import Check, Claim, Claims, HeldClaims, plugin_name, require_all
 
 CLAIMS = Claims()
 
@@ -133,8 +133,8 @@ def hand_checks(hand: str | Path | Hand) -> tuple[Check, ...]:
     return (first, *doctor, *others)
 
 
-def check_hand(hand: str | Path | Hand) -> None:
-    """Carry out all checks of a hand; seconds.
+def check_hand(hand: str | Path | Hand) -> HeldClaims:
+    """Make and return all checks of a hand; seconds.
 
     Parameters
     ----------
@@ -149,5 +149,6 @@ def check_hand(hand: str | Path | Hand) -> None:
     Examples
     --------
     >>> check_hand("wsg50")
+    12 of 12 claims hold
     """
-    require_all(hand_checks(hand))
+    return require_all(hand_checks(hand))

@@ -11,7 +11,7 @@ from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.stages.touch import make_policy
 from lis_grasp.testing._policy_claims import CLAIMS
 from lis_grasp.testing._policy_subject import PolicySubject
-from lis_grasp.testing.check import Check, plugin_name, require_all
+from lis_grasp.testing.check import Check, HeldClaims, plugin_name, require_all
 
 
 def policy_checks(policy: str | Callable[[Workspace], Policy]) -> tuple[Check, ...]:
@@ -39,8 +39,8 @@ def policy_checks(policy: str | Callable[[Workspace], Policy]) -> tuple[Check, .
     return CLAIMS.of(PolicySubject(make), plugin_name(policy))
 
 
-def check_policy(policy: str | Callable[[Workspace], Policy]) -> None:
-    """Carry out all checks of a policy, which touches a block with a ball; a few seconds.
+def check_policy(policy: str | Callable[[Workspace], Policy]) -> HeldClaims:
+    """Make and return all checks of a policy, which touches a block with a ball; a few seconds.
 
     Parameters
     ----------
@@ -55,5 +55,6 @@ def check_policy(policy: str | Callable[[Workspace], Policy]) -> None:
     Examples
     --------
     >>> check_policy("random")
+    22 of 22 claims hold
     """
-    require_all(policy_checks(policy))
+    return require_all(policy_checks(policy))

@@ -11,10 +11,14 @@ from lis_grasp.geometry import apply_pose, rotate
 from lis_grasp.typing import BoolArray, FloatArray
 from lis_grasp.views.depth_view import DepthView
 
-# What is lower above the table is not distinguished from it [m]; the same in deviations.
-_LOWEST, _DEVIATIONS = 0.003, 2.5
-# An object, or a table, has so many pixels.
-_FEWEST = 30
+LOWEST = 0.003
+"""What is lower above the table is not distinguished from it [m]."""
+
+# The same in deviations.
+_DEVIATIONS = 2.5
+FEWEST = 30
+"""An object, or a table, has so many pixels."""
+
 # Of these, so many are clearly above the table, by this multiple.
 _FEW, _CLEARLY = 10, 2.0
 # The table is looked for this far from where the pose of the camera says [m].
@@ -49,7 +53,7 @@ def segment_object(
         If the image shows no table there.
     """
     height, deviation = heights_above_table(view, support_height)
-    least = np.maximum(_LOWEST, _DEVIATIONS * deviation)
+    least = np.maximum(LOWEST, _DEVIATIONS * deviation)
     with np.errstate(invalid="ignore"):
         above = height > least
     if bounds is not None:
@@ -67,9 +71,9 @@ def segment_object(
     sizes[clearly < _FEW] = 0  # noise
     sizes[0] = 0
     border = np.unique(np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]]))
-    if bounds is None and len(np.setdiff1d(np.flatnonzero(sizes >= _FEWEST), border)):
+    if bounds is None and len(np.setdiff1d(np.flatnonzero(sizes >= FEWEST), border)):
         sizes[border] = 0  # walls and other things that the image cuts
-    if not count or sizes.max() < _FEWEST:
+    if not count or sizes.max() < FEWEST:
         lowest = float(np.median(least))
         raise NothingSeenError(
             f"no object stands on the table at z = {support_height:g} m: it must be higher than"
@@ -85,21 +89,35 @@ def heights_above_table(view: DepthView, support_height: float) -> tuple[FloatAr
 
     Returns their standard deviations, too, (H, W) [m]. Heights are NaN where there is no depth.
     """
-    camera, shape = view.intrinsics, view.depth.shape
-    rays = camera.rays(shape)
-    slopes = rotate(view.X_WC, rays)[..., 2]  # of the height along each ray, of depth 1
-    with np.errstate(invalid="ignore"):
-        known = np.isfinite(view.depth)
-        z = np.where(known, view.depth, 1.0)
-        given = view.X_WC[2, 3] + z * slopes - support_height
-    near = known & (np.abs(given) < _NEAR_TABLE)
-    fitted = _table(1.0 / z, near, view.noise.deviation(1.0))
+    slopes, known, z = _slopes(view)
+    fitted = table_in_image(view, support_height)
     # Between the table's depth on the same ray and the pixel's.
     with np.errstate(divide="ignore", invalid="ignore"):
         smooth = _smoothed(1.0 / z, known)
         height = -slopes * (1.0 / fitted - 1.0 / smooth)
         deviation = -slopes * view.noise.deviation(z)
     return np.where(known, height, np.nan), np.maximum(deviation, 0.0)
+
+
+def table_in_image(view: DepthView, support_height: float) -> FloatArray:
+    """Return the inverse depths (H, W) [1/m] of the table that the image shows near a height [m].
+
+    Raises `InvalidViewError` if it shows none there.
+    """
+    slopes, known, z = _slopes(view)
+    given = view.X_WC[2, 3] + z * slopes - support_height
+    near = known & (np.abs(given) < _NEAR_TABLE)
+    return _table(1.0 / z, near, view.noise.deviation(1.0))
+
+
+def _slopes(view: DepthView) -> tuple[FloatArray, BoolArray, FloatArray]:
+    """Return each pixel's change of height along its ray, whether it has a depth, and that.
+
+    An unknown depth [m] is 1.
+    """
+    rays = view.intrinsics.rays(view.depth.shape)
+    known = np.isfinite(view.depth)
+    return rotate(view.X_WC, rays)[..., 2], known, np.where(known, view.depth, 1.0)
 
 
 def _smoothed(values: FloatArray, known: BoolArray) -> FloatArray:
@@ -113,7 +131,7 @@ def _smoothed(values: FloatArray, known: BoolArray) -> FloatArray:
 def _table(inverse: FloatArray, near: BoolArray, deviation: float) -> FloatArray:
     """Return the inverse depths (H, W) of the plane through most of such pixels."""
     rows, columns = np.nonzero(near)
-    if len(rows) < _FEWEST:
+    if len(rows) < FEWEST:
         raise InvalidViewError(
             f"the image shows no table at this height: {len(rows)} of its pixels are within"
             f" {1e3 * _NEAR_TABLE:.0f} mm of it; check the pose of the camera (of the camera in the"

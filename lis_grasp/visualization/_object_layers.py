@@ -28,6 +28,9 @@ BAD_COLOUR = "#8e44ad"
 FREE_COLOUR = "#8fb7d8"
 PLAIN_ESTIMATE_COLOUR = "#2c9a8f"
 FIXED_COLOUR, LOOSE_COLOUR = "#8a6d4b", "#a0688f"
+GLASS = 0.25
+"""Opacity of bodies beside the object."""
+
 TABLE_COLOUR, GRID_COLOUR = "#d2cfc9", "#a9a59d"
 
 # Fractions of the markers' size, chosen by eye at 4 to 20 cm.
@@ -35,7 +38,6 @@ _CONTACT_RADIUS = 0.018
 _NORMAL_LENGTH = 0.15
 _FREE_POINT_RADIUS = 0.007
 _FREE = "free-bodies"  # the layer
-_GLASS = 0.25  # opacity of bodies beside the object
 # Size of a doubted contact, in sizes of the ordinary marker that it covers.
 _BAD_SIZE = 1.4
 
@@ -97,7 +99,7 @@ def draw_surroundings(canvas: Canvas, surroundings: Surroundings) -> None:
         ("surroundings", "Fixed bodies", FIXED_COLOUR, fixed),
         (_FREE, "Free bodies", LOOSE_COLOUR, surroundings.free),
     ):
-        glass = drawing.material(colour, roughness=0.9, opacity=_GLASS)
+        glass = drawing.material(colour, roughness=0.9, opacity=GLASS)
         for k, body in enumerate(bodies):
             path = free_body_node(k) if layer == _FREE else f"{ROOT}/{layer}/{k}"
             canvas.commands.append(drawing.draw_mesh(path, body.mesh, glass))

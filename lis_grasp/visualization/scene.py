@@ -232,7 +232,7 @@ class Scene(Answering):
         return build_page(self.title, canvas, overlay=overlay, content=content)
 
     def png(self) -> bytes:
-        """Return a picture of estimate, contacts and best grasp, 640 x 480; else of the truth."""
+        """Return a picture, 640 x 480: estimate, contacts, bodies, best grasp; else the truth."""
         is_known = self.estimate is not None or len(self.contacts) > 0
         return Still(
             solid=self.estimate if is_known else self.truth,
@@ -242,6 +242,7 @@ class Scene(Answering):
             grasp=self.grasps[0] if self.grasps else None,
             size=self._size(),
             colour=PLAIN_ESTIMATE_COLOUR if is_known else TRUTH_COLOUR,
+            surroundings=self.surroundings,
         ).png()
 
     __repr__ = short_repr

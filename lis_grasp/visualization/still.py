@@ -16,6 +16,9 @@ from lis_grasp.visualization._arm_layer import link_looks
 from lis_grasp.visualization._object_layers import (
     BAD_COLOUR,
     CONTACT_COLOUR,
+    FIXED_COLOUR,
+    GLASS,
+    LOOSE_COLOUR,
     NORMAL_COLOUR,
     PLAIN_ESTIMATE_COLOUR,
     marker_size,
@@ -24,6 +27,7 @@ from lis_grasp.visualization._object_layers import (
 from lis_grasp.visualization.camera import ELEVATION, View, choose_azimuth
 from lis_grasp.visualization.hand_layers import hand_points, link_colour, link_poses
 from lis_grasp.visualization.raster import Solid, Window, encode_png, render
+from lis_grasp.world import ALONE, Surroundings
 
 if TYPE_CHECKING:
     from lis_grasp.grasping.grasps import Grasp
@@ -38,6 +42,7 @@ _CORNERS = 12  # of the disc of a contact
 _FRONT = 2.5  # radii by which it is in front of the point: oblique surfaces would cut it
 LEAST_SIZE = 0.01
 """Size of a scene with a single contact [m]."""
+_BESIDE = 0.5  # widths of the shown object and hand, of what a picture shows beside them
 _MARGIN = 0.05  # about object and hand, in the object's sizes
 _MOST_MARKED = 1000  # contacts; of more, as of a cloud, every n-th is marked
 _MOST_POINTS = 2000  # of the object, and of the hand, by which occlusion is measured
@@ -54,6 +59,7 @@ class Still:
     grasp: Grasp | None = None  #: of the hand
     size: float | None = None  #: of the object [m], for the colours; None for the solid's
     colour: str = PLAIN_ESTIMATE_COLOUR  #: of a solid without uncertainty
+    surroundings: Surroundings = ALONE  #: glass, which the picture shows as far as it is near
 
     def best_view(self) -> View:
         """Return the view at which the hand hides the object least."""
@@ -68,13 +74,27 @@ class Still:
         links = [np.asarray(link.mesh.vertices) for link in self._links()]
         around = np.vstack([place, *(view.project(points)[0] for points in links)])
         low, high = around.min(axis=0) - margin, around.max(axis=0) + margin
+        if self.surroundings.mesh is not None:
+            beside, _ = view.project(self.surroundings.mesh.vertices)
+            most = _BESIDE * (high - low)
+            low, high = (
+                np.minimum(low, np.maximum(beside.min(axis=0) - margin, low - most)),
+                np.maximum(high, np.minimum(beside.max(axis=0) + margin, high + most)),
+            )
         wide, tall = high - low
         width = max(float(wide), float(tall) * pixels[0] / pixels[1])
         return Window(view, 0.5 * (low + high), width, pixels)
 
     def draw(self, window: Window) -> npt.NDArray[np.uint8]:
         """Return the picture as RGBA (rows, columns, 4), transparent where there is nothing."""
-        return render([*self._solids(window.view)], window)
+        solids = [*self._solids(window.view)]
+        picture = render(solids, window)
+        if not len(self.surroundings):
+            return picture
+        bodies = [
+            Solid(b.mesh, FIXED_COLOUR if b.is_fixed else LOOSE_COLOUR) for b in self.surroundings
+        ]
+        return _mixed(picture, render([*solids, *bodies], window), GLASS)
 
     def png(self, pixels: tuple[int, int] = PIXELS) -> bytes:
         """Return the picture of the best view as PNG; equal contents give equal bytes."""
@@ -133,6 +153,16 @@ class Still:
         return (
             self.colour if scale is None else scale.colours(solid.vertex_attributes["uncertainty"])
         )
+
+
+def _mixed(
+    behind: npt.NDArray[np.uint8], front: npt.NDArray[np.uint8], opacity: float
+) -> npt.NDArray[np.uint8]:
+    """Return a picture RGBA (rows, columns, 4) with so much of another in front of it."""
+    alphas = [(1.0 - opacity) * behind[..., 3:] / 255.0, opacity * front[..., 3:] / 255.0]
+    alpha = alphas[0] + alphas[1]
+    colours = (alphas[0] * behind[..., :3] + alphas[1] * front[..., :3]) / np.maximum(alpha, 1e-9)
+    return np.round(np.concatenate([colours, 255.0 * alpha], axis=-1)).astype(np.uint8)
 
 
 def png_of(picture: npt.NDArray[np.uint8]) -> bytes:

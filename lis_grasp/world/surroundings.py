@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -193,6 +194,9 @@ class Surroundings(Answering):
                 value=max(len(names), triangles),
             )
 
+    def __repr__(self) -> str:
+        return f"Surroundings({listed([_in_words(body) for body in self.bodies]) or 'alone'})"
+
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         return reduce_record(self)
 
@@ -293,3 +297,10 @@ def _content(body: Body) -> Iterator[bytes | str | float | tuple[Any, ...]]:
 
 ALONE = Surroundings()
 """No other body: the object is alone on its table."""
+
+
+def _in_words(body: Body) -> str:
+    """Return a body's name, whether it is fixed, and the kinds of its shapes."""
+    kinds = Counter(geometry.kind for geometry in body.geometries)
+    shapes = " and ".join(kind if n == 1 else f"{n} x {kind}" for kind, n in kinds.items())
+    return f"{body.name}: {'fixed' if body.is_fixed else 'free'} {shapes}"

@@ -9,6 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
+import trimesh
 from touch_recording import record, write_csv
 
 import lis_grasp
@@ -16,6 +17,7 @@ import lis_grasp_studies
 from lis_grasp.cli import next_probe
 from lis_grasp.cli.main import build_parser, main
 from lis_grasp.cli.progress import next_step
+from lis_grasp.results.page import scene_of
 from lis_grasp.robots.shipped_models import model_path
 
 HAND = ["--hand", "wsg50", "--known", "--prober", "kinematic"]
@@ -96,6 +98,22 @@ def test_a_surface_of_an_unknown_object_is_to_be_looked_at(
 
 
 @pytest.mark.slow
+def test_grasps_in_another_folder_than_their_mesh_are_to_be_lifted_then_looked_at(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trimesh.creation.box([0.05, 0.06, 0.08]).export("my box.stl")
+    command = ("grasp", "my box.stl", "--hand", "wsg50", "--grasps", 1, "--output", "grasps of it")
+    (lift,) = _commands(_advice(capsys, *command))
+    assert lift == ["lift", "grasps of it/grasps.json", "--object", "my box.stl"]
+    for folder in ("grasps of it", "lifts of it"):
+        advice = _advice(capsys, *lift, "--output", folder)
+        assert _commands(advice) == [["view", folder]]
+        truth = scene_of(place / folder).truth
+        assert truth is not None
+        assert truth.extents == pytest.approx([0.05, 0.06, 0.08])
+
+
+@pytest.mark.slow
 def test_a_hand_is_to_be_looked_at_and_checked(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -130,6 +148,7 @@ def test_an_exploration_without_contact_is_to_be_looked_at(
     made = (None, Nothing())
     monkeypatch.setattr("lis_grasp.cli.explore.explore_object", lambda *_, **__: made)
     monkeypatch.setattr("lis_grasp.cli.explore.exploration_facts", lambda *_: {})
+    monkeypatch.setattr("lis_grasp.cli.explore.view_facts", lambda *_: {})
     advice = _advice(capsys, "explore", "box", *HAND, "--output", "nothing there", code=1)
     (part,) = re.findall("(lis-grasp view .*) shows where", advice)
     assert _commands(part) == [["view", "nothing there"]]

@@ -143,3 +143,14 @@ def test_half_flipped_normals_are_refused_oriented_or_believed_on_request(
     with pytest.raises(InvalidContactsError) as error:
         estimate_file([away], touches.parent / "view")  # a closed object is not seen from there
     assert error.value.field == "viewpoint"
+
+
+@pytest.mark.parametrize(("apart", "doubted"), [(0.12, True), (0.0, False)])
+def test_contacts_of_two_objects_are_told(tmp_path: Path, apart: float, doubted: bool) -> None:
+    points, faces = trimesh.sample.sample_surface_even(BOX, 60, seed=1)
+    shift = np.where(np.arange(60) % 2, apart, 0.0)[:, None] * [1.0, 0.0, 0.0]
+    Contacts(points + shift, BOX.face_normals[faces]).save(path := tmp_path / "two.csv")
+    said = Told()
+    estimate_file([ContactSource(path)], tmp_path / "out", progress=said, estimator="gpis")
+    told = "the estimate has 2 separate bodies that were touched"
+    assert any(told in line for line in said.lines) == doubted

@@ -14,9 +14,12 @@ import lis_grasp
 from lis_grasp import Contacts, Hand, pipeline, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
-from lis_grasp.exploration import Exploration, Region, Workspace
+from lis_grasp.exploration import Exploration, Probe, Region, Workspace
 from lis_grasp.exploration.planar_motion import PoseBelief
+from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.io import provenance
+from lis_grasp.probing.probe_planner import ProbePlanner
+from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.stages.agent import Agent
 from lis_grasp.stages.next_touch import ObjectPlace, next_touch
@@ -61,13 +64,45 @@ def test_the_next_touch_is_that_of_the_exploration(policy: str) -> None:
         touch = next_touch(scenario.agent, Contacts.empty(), exploration.observations[:made])
         following = outcomes[made + touch.blocked]
         assert all(o.status == "blocked" for o in outcomes[made : made + touch.blocked])
-        for name in ("target", "direction", "start", "end"):
+        for name in ("target", "direction", "start"):
             expected = getattr(following.probe, name)
-            np.testing.assert_array_equal(getattr(touch.probe, name), expected)
+            np.testing.assert_allclose(getattr(touch.probe, name), expected, rtol=0, atol=1e-12)
+        # A motion ends at the table; the prober of an exploration stops there by itself.
+        assert touch.probe.overshoot <= following.probe.overshoot
         assert touch.sought in touch.why()
         sought.append(touch.sought)
     assert sought[0] == sought[-1] == ""  # before the first contact, and after the ends are found
     assert any(sought)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_no_motion_of_the_hand_leads_below_the_table(seed: int) -> None:
+    points = np.array([[0.03, 0.0, 0.02], [-0.03, 0.0, 0.05], [0.0, 0.02, 0.04], [0.0, 0, 0.08]])
+    normals = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
+    hand, contacts = Hand.load("wsg50"), Contacts(points, normals)
+    agent = Agent.of(pipeline.RunConfig(seed=seed, policy="random"), 0.0, hand=hand)
+    found = next_touch(agent.placed(ObjectPlace(support=0.0).space(contacts)), contacts)
+    X_OH = found.approach.X_OH.copy()
+    X_OH[:3, 3] += found.probe.end - found.probe.start
+    checker = HandCollisionChecker(hand)
+    poses = X_OH @ checker.poses_in_hand(found.approach.posture.joint_positions)
+    assert checker.lowest(poses) >= -1e-9
+    assert found.probe.end[2] >= -1e-9
+
+
+@pytest.mark.parametrize(("standoff", "overshoot"), [(0.05, 0.03), (0.05, 0.2), (0.15, 0.05)])
+def test_a_motion_down_ends_with_the_hand_at_the_table(standoff: float, overshoot: float) -> None:
+    hand, space = Hand.load("wsg50"), Workspace(0.02, np.array([0, 0, 0.1]), 0.2, 0.0)
+    obstacles, planner = ObstacleModel(space, Contacts.empty(), None), ProbePlanner(hand)
+    along = np.array([0.6, 0.0, -0.8])
+    probe = Probe(np.array([0.0, 0.0, 0.1]) + standoff * along, along, standoff, overshoot)
+    approach = next(planner.starts(probe))
+    ended = planner.ended_before(approach, probe, obstacles)
+    planned = probe.standoff + probe.overshoot
+    length = min(planned, planner.above_table(approach, probe, obstacles))
+    assert ended.start == pytest.approx(probe.start, abs=1e-12)
+    assert ended.standoff + ended.overshoot == pytest.approx(length, abs=1e-12)
+    assert (ended is probe) == (length == planned)
 
 
 def test_what_was_before_a_loss_does_not_count(explored: Exploration) -> None:

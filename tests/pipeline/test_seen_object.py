@@ -10,6 +10,7 @@ import pytest
 
 from lis_grasp.cli.main import build_parser, main
 from lis_grasp.cli.options import configure_touch
+from lis_grasp.cli.progress import PRINTED
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Exploration
@@ -18,6 +19,7 @@ from lis_grasp.io.surface_files import load_surface
 from lis_grasp.results.estimated_file import estimate_file
 from lis_grasp.results.exploring import explore_object
 from lis_grasp.results.folder import VIEW
+from lis_grasp.results.notes import say_unseen
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.stages.contact_sources import ContactSource
 from lis_grasp.stages.estimate import SurfaceEstimate, estimate
@@ -27,7 +29,7 @@ from lis_grasp.stages.touch import make_perception, touch
 from lis_grasp.stages.views_prior import ViewsPrior
 from lis_grasp.task.scene_file import load_scene, write_scene
 from lis_grasp.task.task import Task
-from lis_grasp.views import Views, load_view
+from lis_grasp.views import Views, load_view, save_view
 
 TASK = Task.of("box", hand="wsg50", prober="kinematic", estimator="gpis", camera=True, touches=3)
 
@@ -164,3 +166,23 @@ def test_a_wrong_error_of_a_camera_is_refused(capsys: pytest.CaptureFixture[str]
         assert error.value.option == "hand_eye"
     assert main(["explore", "box", "--view", "absent.npz", "--output", "absent"]) == 2
     assert "absent.npz" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("seed", "warns"), [(0, False), (1, True)])
+def test_a_view_of_another_pose_is_told_before_the_start(
+    seen: Scenario, seed: int, warns: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert seen.agent.views is not None
+    path = tmp_path / "view.npz"
+    save_view(seen.agent.views.views[0], path)  # of seed 0
+    task = TASK.having(camera=False, views=(str(path),), seed=seed)
+    say_unseen(Scenario.from_config(task), PRINTED)
+    assert ("simulated one, which is at a random pose" in capsys.readouterr().out) == warns
+
+
+def test_explore_says_what_was_seen_as_run_does(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["explore", "box", "--hand", "wsg50", "--prober", "kinematic", "--estimator", "gpis"]
+    assert main([*command, "--camera", "--touches", "1", "--output", str(tmp_path)]) == 0
+    assert "\nseen      by " in capsys.readouterr().out

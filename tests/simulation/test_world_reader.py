@@ -107,6 +107,21 @@ def _names(surroundings: Surroundings) -> list[str]:
     return [body.name for body in surroundings]
 
 
+def test_a_package_without_its_package_xml_is_named_as_the_cause(bench: Path) -> None:
+    (bench / "package.xml").unlink()
+    wall = '- add_model: {name: wall, file: "package://bench/wall.sdf"}\n'
+    alone, beside = bench / "deeper" / "alone.dmd.yaml", bench / "beside.dmd.yaml"
+    alone.write_text(f"directives:\n{wall}")
+    advice = rf"write <package><name>bench</name></package> to {re.escape(str(bench))}"
+    with pytest.raises(InvalidFileError, match=rf"on this disk; it has wall \(.*{advice}"):
+        load_surroundings(alone)
+    crate = f"- add_model: {{name: crate, file: 'file://{bench}/crate.sdf'}}\n"
+    beside.write_text(f"directives:\n{wall}{crate}")
+    surroundings, said = _warnings(beside)
+    assert _names(surroundings) == ["crate"]
+    assert re.search(advice, said)
+
+
 def test_directives_give_fixed_and_free_bodies_at_their_places(bench: Path) -> None:
     surroundings, said = _warnings(bench / "deeper" / "world.dmd.yaml")
     assert _names(surroundings) == ["wall", "crate"]  # the floor is the table

@@ -329,6 +329,9 @@ def test_all_failures_are_in_one_error() -> None:
     with pytest.raises(FailedCheckError) as caught:
         check_estimator(inside_out)
     assert caught.value.failures == expected
+    first, second, *_ = expected
+    assert f"{first}: {expected[first]}; {second}: {expected[second]}" in str(caught.value)
+    assert all(name in str(caught.value) for name in expected)
     assert {"negative_inside", "positive_outside", "gradient_is_the_slope"} <= set(expected)
 
 

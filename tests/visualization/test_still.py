@@ -20,6 +20,7 @@ from lis_grasp.visualization.camera import View
 from lis_grasp.visualization.colours import VIRIDIS, srgb
 from lis_grasp.visualization.hand_layers import LINK_COLOUR
 from lis_grasp.visualization.still import PIXELS, Still
+from lis_grasp.world import ALONE, Body, Surroundings
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 CONTACTS = lg.Contacts(0.03 * AXES, AXES)
@@ -88,6 +89,23 @@ def test_equal_contents_give_equal_bytes_and_nothing_is_white() -> None:
     assert still.png() == still.png()
     assert _pixels(Still().png()).min() == 255
     assert _pixels(Still(contacts=CONTACTS[:1]).png()).min() < 255
+
+
+def test_bodies_beside_the_object_are_glass_and_hide_nothing() -> None:
+    wall = Body.box("wall", (0.2, 0.01, 0.1), (0.0, -0.08, 0.0))  # before the ball
+    can = Body.box("can", (0.03, 0.03, 0.03), (0.09, 0.0, 0.0), mass=0.1)
+    alone, among = (Still(solid=BALL, surroundings=s) for s in (ALONE, Surroundings((wall, can))))
+    front = View(-0.5 * np.pi, 0.0)
+    window = among.window(front)
+    assert window.width > 1.5 * alone.window(front).width
+    with_bodies, without = among.draw(window), alone.draw(window)
+    ball = without[..., 3] == 255
+    difference = np.abs(with_bodies[ball].astype(int) - without[ball])
+    assert (with_bodies[ball][:, 3] == 255).all()
+    assert 0 < difference.max() <= 0.25 * 255 + 1
+    beside = (without[..., 3] == 0) & (with_bodies[..., 3] > 0)
+    assert set(np.unique(with_bodies[beside][:, 3])) <= set(range(1, 66))
+    assert np.count_nonzero(beside) > 5000
 
 
 def test_a_scene_s_picture_shows_the_truth_only_without_an_estimate() -> None:

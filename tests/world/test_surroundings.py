@@ -42,6 +42,13 @@ def test_signed_distances_of_boxes_are_those_of_the_closed_form() -> None:
     np.testing.assert_array_equal(BESIDE.contain(points), (expected < 0.0).any(axis=1))
 
 
+def test_the_text_of_bodies_is_a_line_of_their_names_and_kinds() -> None:
+    assert repr(BESIDE) == "Surroundings(crate: free box, wall: fixed box)"
+    tray = replace(WALL, name="tray", geometries=(*WALL.geometries, *CRATE.geometries))
+    assert repr(Surroundings((tray,))) == "Surroundings(tray: fixed 2 x box)"
+    assert repr(ALONE) == "Surroundings(alone)"
+
+
 def test_a_free_box_has_the_inertia_of_a_box() -> None:
     assert CRATE.inertial is not None
     a, b, c = SIDES

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -47,7 +47,15 @@ def load_directives(path: Path, scenario: str | None, packages: PackageMap) -> M
     lacking = {name: file for name, file in lacking.items() if name not in robots}
     gone = _with_placed_on(directives, robots | set(lacking))
     names = [model.name for model in models]
-    _say(path.name, [n for n in names if n in robots], lacking, [n for n in names if n in gone])
+    if lacking and not set(names) - robots - set(lacking):
+        found = listed([f"{name} ({lacked})" for name, lacked in lacking.items()])
+        raise InvalidFileError(
+            f"{path} must have a model whose files are on this disk; it has {found}"
+            f"{_without_package(path, lacking.values())}",
+            path=path,
+            field="directives",
+        )
+    _say(path, [n for n in names if n in robots], lacking, [n for n in names if n in gone])
     return ModelDirectives(directives=[d for d in directives if not _is_of(d, gone)])
 
 
@@ -183,15 +191,35 @@ def _is_in(frame: str, names: set[str]) -> bool:
     return any(frame == name or frame.startswith(f"{name}::") for name in names)
 
 
-def _say(file: str, robots: list[str], lacking: Mapping[str, str], gone: list[str]) -> None:
+def _say(
+    file: Path,
+    robots: list[str],
+    lacking: Mapping[str, str],
+    gone: list[str],
+) -> None:
     """Warn of the models that are left out."""
     if robots:
-        note(f"{file} is read without its robots {listed(robots)}: `hand` and `arm` name yours")
+        note(
+            f"{file.name} is read without its robots {listed(robots)}: `hand` and `arm` name yours"
+        )
     if lacking:
         models = listed([f"{name} ({lacked})" for name, lacked in lacking.items()])
         note(
-            f"{file} is read without models whose files are not on this disk, and the hand does not"
-            f" avoid them: {models}"
+            f"{file.name} is read without models whose files are not on this disk, and the hand"
+            f" does not avoid them: {models}{_without_package(file, lacking.values())}"
         )
     if placed := [name for name in gone if name not in robots and name not in lacking]:
-        note(f"{file} is read without {listed(placed)}, placed on what is left out")
+        note(f"{file.name} is read without {listed(placed)}, placed on what is left out")
+
+
+def _without_package(file: Path, uris: Iterable[str]) -> str:
+    """Return which package of URLs is at or above a file but lacks its package.xml, in words."""
+    for uri in uris:
+        name, _, inside = uri.partition("://")[2].partition("/")
+        for folder in file.resolve().parents if uri.startswith("package://") and inside else ():
+            if (folder / inside).is_file():
+                return (
+                    f"; {folder / inside} is there, but no package.xml names the package {name}:"
+                    f" write <package><name>{name}</name></package> to {folder / 'package.xml'}"
+                )
+    return ""
