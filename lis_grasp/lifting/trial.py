@@ -124,7 +124,7 @@ class LiftTrial:
             if failure is not None:
                 if self._accept_grasp is not None and failure in LOST_GRASPS:
                     with self._timed("let_go"):
-                        self._let_go()
+                        return self._let_go(failure)
                 return failure
         return "held"
 
@@ -259,9 +259,35 @@ class LiftTrial:
         """Return how far the hand has risen since it closed [m]."""
         return float(self._steps.displacement[2] - self._closing.here[2])
 
-    def _let_go(self) -> None:
-        """Lower what is still in the hand, open it, retreat, and wait until the object rests."""
+    def _let_go(self, failure: Reason) -> Reason:
+        """Let go of what is still in the hand, after a failure, and wait until the object rests.
+
+        Returns the failure, or `hit_body` where the hand had to stop at a body beside the object.
+        """
         self._lost_after = self._object.slip_and_turn()
+        try:
+            self._retreat_without_object()
+            self._come_to_rest(self._retreat)
+        except BodyHitError:  # once in a lift
+            failure = "hit_body"
+            self._come_to_rest(self._steps.displacement)
+        return failure
+
+    def _come_to_rest(self, here: FloatArray) -> None:
+        """Wait `here` (6,) until the object rests; an arm goes home."""
+        before = self._scene.X_WO
+        for _ in range(_FALLS):
+            self._steps.advance(SETTLE_TIME, rest_at(here))
+            moved = float(np.abs(self._scene.X_WO - before).max())
+            if moved < _AT_REST:
+                break
+            before = self._scene.X_WO
+        homeward = self._scene.carrier.go_home()
+        if homeward is not None:
+            self._steps.move(homeward)
+
+    def _retreat_without_object(self) -> None:
+        """Lower what is still in the hand, open it, and retreat."""
         here = self._steps.displacement
 
         def lower(time: float) -> bool:
@@ -283,16 +309,6 @@ class LiftTrial:
             self._steps.advance(_RETREAT_TIME, line(here, here + self._retreat, _RETREAT_TIME))
             here = here + self._retreat
         self._steps.advance(_RETREAT_TIME, line(here, self._retreat, _RETREAT_TIME))
-        before = self._scene.X_WO
-        for _ in range(_FALLS):
-            self._steps.advance(SETTLE_TIME, rest_at(self._retreat))
-            moved = float(np.abs(self._scene.X_WO - before).max())
-            if moved < _AT_REST:
-                break
-            before = self._scene.X_WO
-        homeward = self._scene.carrier.go_home()
-        if homeward is not None:
-            self._steps.move(homeward)
 
     def _hold_grip(self, time: float) -> bool:
         self._control.hold()
