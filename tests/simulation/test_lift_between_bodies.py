@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -16,7 +17,9 @@ from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.lifting import LiftOptions, LiftSetup
 from lis_grasp.lifting.outcome import LARGEST_FORCE_BESIDE
 from lis_grasp.lifting.planned_lifts import choose_lift, permitted_lifts
-from lis_grasp.motion import beside_body
+from lis_grasp.lifting.scene import BodyHitError
+from lis_grasp.lifting.trial import LiftTrial
+from lis_grasp.motion import OBJECT, beside_body
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.lift import simulate_lift
 from lis_grasp.world import ALONE, Body, Surroundings
@@ -109,6 +112,23 @@ def test_a_hand_with_a_tactile_check_retreats_from_a_body_that_it_hit() -> None:
     palm = outcome.motion.poses[HAND.base_link][-1] @ HAND.X_LH
     # The wrist's controller is 10 mm off at the most, as in an approach without collision.
     assert np.linalg.norm(palm[:3, 3] - back) < planned.options.largest_push
+
+
+def test_a_body_that_is_hit_while_the_hand_lets_go_ends_that(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """On a slippery box the lift fails first; then the retreat meets a body."""
+
+    def hit(trial: LiftTrial) -> None:
+        raise BodyHitError
+
+    planned = replace(setup(ALONE, known=ALONE), friction=0.02)
+    assert simulate_lift(planned, lambda contacts: True).reason not in ("held", "hit_body")
+    monkeypatch.setattr(LiftTrial, "_retreat_without_object", hit)
+    outcome = simulate_lift(planned, lambda contacts: True)
+    assert outcome.reason == "hit_body"
+    poses = outcome.motion.poses[OBJECT]
+    assert np.abs(poses[-1] - poses[-2]).max() < 1e-4  # the object has come to rest
 
 
 @pytest.mark.slow
