@@ -67,6 +67,9 @@ _OUR_WORDS = {
     **dict.fromkeys(("bench",), "benchmark"),
     **dict.fromkeys(("read",), "load"),
     **dict.fromkeys(("out", "folder", "dir"), "output"),
+    **dict.fromkeys(("ball",), "sphere"),
+    **dict.fromkeys(("block", "cube", "cuboid"), "box"),
+    **dict.fromkeys(("donut", "ring"), "torus"),
 }
 
 

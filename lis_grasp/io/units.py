@@ -122,11 +122,16 @@ def require_object_size(
     )
 
 
+def fitting_units(extent: float, low: float, high: float) -> dict[str, float]:
+    """Return the units in which an extent is from `low` to `high` [m], with its value in metres."""
+    sizes = {name: extent * length for name, length in UNITS.items()}
+    return {name: size for name, size in sizes.items() if low <= size <= high}
+
+
 def _fitting(extent: float, *, in_memory: bool = False) -> str:
     """Return in words the units in which an extent fits an object, or scales of a mesh to them."""
-    sizes = {name: extent * length for name, length in UNITS.items()}
     for low, high in (_HANDY, (SMALLEST, LARGEST)):
-        fit = {name: size for name, size in sizes.items() if low <= size <= high}
+        fit = fitting_units(extent, low, high)
         if fit and in_memory:
             scales = [f"{UNITS[name]:g}) if it is in {name}" for name in fit]
             return f"mesh.apply_scale({', or ('.join(scales)}"

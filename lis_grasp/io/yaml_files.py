@@ -52,7 +52,8 @@ def find_yaml_file(
         return path
     if ending in YAML_SUFFIXES:
         raise error(
-            f"the {what} file {path} does not exist: check its path, or name {example} instead",
+            f"the {what} file {path} does not exist: check its path, or name a ready"
+            f" {what}, such as {example}",
             file=path.name,
         )
     return None

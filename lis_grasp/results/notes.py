@@ -64,7 +64,7 @@ def say_width(mesh: trimesh.Trimesh, hand: Hand, progress: Progress) -> None:
     if width > high:
         progress.say(
             f"{WARNING}the object is {1e3 * width:.0f} mm wide where it is narrowest, and"
-            f" {hand.name} holds widths of {1e3 * low:.0f} to {1e3 * high:.0f} mm: only a rim or a"
-            " handle can be grasped; check the units of the mesh (`units`), or take a smaller"
+            f" pads of {hand.name} are {1e3 * low:.0f} to {1e3 * high:.0f} mm apart: only a rim or"
+            " a handle can be grasped; check the units of the mesh (`units`), or take a smaller"
             " object"
         )

@@ -275,10 +275,10 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         " fingertips or a suction cup, or turn the object so that it is higher",
         "steep": "all reachable surface faces up or down: turn the object's mesh so that it stands"
         " higher, or take a suction cup",
-        "no_opposing_surface": "there is no surface opposite the thumb's contact that faces the"
+        "no_opposing_surface": "there is no surface opposite a finger's contact that faces the"
         " other way: the object tapers, or is open there",
-        "no_surface_for_a_finger": "opposite the thumb's contact, the surface is narrower than the"
-        " other fingers are apart: bring these fingers closer together in the hand's pregrasps",
+        "no_surface_for_a_finger": "opposite a finger's contact, there is no surface for every"
+        " other finger: bring fingers side by side closer together in the hand's pregrasps",
         "no_flat_supported_surface": "no flat part of the surface is large and high enough for a"
         " pad, and touched if it is an estimate: turn the object so that it is higher, or make more"
         " touches (`touches`)",

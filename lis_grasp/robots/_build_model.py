@@ -13,6 +13,7 @@ import yourdfpy
 
 from lis_grasp.exceptions import InvalidHandError, LisGraspError, note
 from lis_grasp.geometry import unit
+from lis_grasp.io.units import UNITS, fitting_units
 from lis_grasp.robots._description import (
     NO_EDITS,
     DescriptionEdits,
@@ -59,6 +60,7 @@ _MOST_PARTS, _VOXELS = 6, 50_000
 
 # A robot's longest body [m], and its joints' offsets: beyond it a unit is mistaken.
 _SMALLEST_BODY, _LARGEST_BODY = 0.001, 3.0
+_USUAL_BODY = (0.03, 1.0)  # its longest body [m]: units that give such a length are proposed
 
 
 def read_description(path: Path, edits: DescriptionEdits = NO_EDITS) -> RobotModel:
@@ -274,9 +276,9 @@ def _require_plausible_sizes(bodies: Sequence[LinkGeometry], joints: Sequence[Jo
     sizes = [float(body.mesh.extents.max()) for body in bodies]
     at = int(np.argmax(sizes))
     if not _SMALLEST_BODY <= sizes[at] <= _LARGEST_BODY:
-        cause = "a mesh in mm needs the scale 0.001"
-        if sizes[at] < _SMALLEST_BODY:
-            cause = "a mesh in m needs no scale"
+        cause = "a mesh in m needs no scale"
+        if sizes[at] > _LARGEST_BODY:
+            cause = fitting_words(sizes[at], *_USUAL_BODY)
         raise InvalidHandError(
             f"the longest body must be of {_SMALLEST_BODY:g} to {_LARGEST_BODY:g} m; it is that of"
             f" link '{bodies[at].link}' with {sizes[at]:.3g} m: lengths are in m, and {cause}"
@@ -286,8 +288,18 @@ def _require_plausible_sizes(bodies: Sequence[LinkGeometry], joints: Sequence[Jo
         if joint.kind != "fixed" and offset > _LARGEST_BODY:
             raise InvalidHandError(
                 f"joint '{joint.name}' must be within {_LARGEST_BODY:g} m of its parent link; it is"
-                f" {offset:.3g} m away: lengths are in m"
+                f" {offset:.3g} m away: lengths are in m, and {fitting_words(offset, *_USUAL_BODY)}"
             )
+
+
+def fitting_words(length: float, low: float, high: float) -> str:
+    """Return in words in which units a length [m] would be from `low` to `high` [m]."""
+    fit = fitting_units(length, low, high)
+    if not fit:
+        return "no unit would fit: correct it"
+    units = " or ".join(f"{name} (then {size:.3g} m)" for name, size in fit.items())
+    factors = " or ".join(f"{UNITS[name]:g}" for name in fit)
+    return f"{units} would fit: multiply by {factors}, a mesh by its scale"
 
 
 def _massless(inertials: Mapping[str, Inertial], joints: Sequence[Joint]) -> list[Joint]:

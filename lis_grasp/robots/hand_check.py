@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull
 
 from lis_grasp.geometry import apply_pose, hull_crossing, rotate
 from lis_grasp.io.yaml_files import word
+from lis_grasp.robots._build_model import fitting_words
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.inertias import RULE, impossible_inertias
@@ -24,6 +25,11 @@ from lis_grasp.typing import FloatArray
 _PAD_COVERED = 0.002
 # Largest effort of a hand's joint: N m of one that turns, N of one that slides.
 _MOST_EFFORT = {"revolute": 100.0, "continuous": 100.0, "prismatic": 2000.0}
+# Farthest that a hand's joint turns [rad] or slides [m], and usual slides.
+_TURN, _SLIDE, _USUAL_SLIDE = 2.0 * np.pi, 0.5, (0.005, 0.2)
+# Largest distance of the palm frame from the box about the hand's bodies [m], and least cosine
+# between the approach and the way from the base's bodies to the pads.
+_BESIDE_PALM, _BACKWARDS = 0.2, -0.5
 # Postures sampled between the joints' limits; a fixed seed, as no result depends on the draw much.
 _POSTURES, _SEED = 4000, 0
 _OPPOSED = np.pi / 3  # largest angle between the axes of pads that face each other [rad]
@@ -112,6 +118,53 @@ def is_plausible_effort(kind: str, effort: float | None) -> bool:
     return effort is not None and 0.0 < effort <= _MOST_EFFORT[kind]
 
 
+def _joint_limits(hand: Hand) -> Iterator[Finding]:
+    """Find limits that are in degrees, or in another unit of length."""
+    for joint in (joint for joint in hand.joints if joint.is_actuated):
+        farthest = float(max(abs(hand.lower[joint.index]), abs(hand.upper[joint.index])))
+        if joint.kind == "revolute" and farthest > _TURN + FEW_DIGITS:
+            yield Finding(
+                False,
+                f"joint {joint.name} must turn by one turn at most; its limit is {farthest:g} rad:"
+                f" limits are in rad, and {farthest:g} degrees are {np.radians(farthest):.3g} rad",
+            )
+        elif joint.kind == "prismatic" and farthest > _SLIDE:
+            yield Finding(
+                False,
+                f"joint {joint.name} must slide by {_SLIDE:g} m at most; its limit is {farthest:g}"
+                f" m: limits are in m, and {fitting_words(farthest, *_USUAL_SLIDE)}",
+            )
+
+
+def _palm_frame(hand: Hand) -> Iterator[Finding]:
+    """Find a palm frame far from the hand, and an approach away from the pads."""
+    points, ways = [], []
+    for q in hand.pregrasps.values():
+        links = hand.forward_kinematics(np.eye(4), q)
+        bodies = {
+            link: apply_pose(links[link], points_of_bodies(hand.link_geometries, link))
+            for link in hand.links
+        }
+        points.append(np.vstack(list(bodies.values())))
+        palm = bodies[hand.base_link] if len(bodies[hand.base_link]) else points[-1]
+        way = hand.pad_centers(np.eye(4), q).mean(axis=0) - palm.mean(axis=0)
+        ways.append(float(way @ hand.approach_H) / max(float(np.linalg.norm(way)), 1e-9))
+    low, high = np.min(np.vstack(points), axis=0), np.max(np.vstack(points), axis=0)
+    away = float(np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0)))
+    if away > _BESIDE_PALM:
+        yield Finding(
+            False,
+            f"palm_frame must be within {_BESIDE_PALM:g} m of the hand's bodies; it is {away:.3g} m"
+            " away: its translation is in m, in the base link's frame",
+        )
+    if max(ways) < _BACKWARDS:
+        yield Finding(
+            False,
+            "approach must be from the palm towards the pads; it is the other way: turn its sign,"
+            " or turn palm_frame",
+        )
+
+
 def _pads(hand: Hand) -> Iterator[Finding]:
     q = next(iter(hand.pregrasps.values()))
     links = hand.forward_kinematics(np.eye(4), q)
@@ -148,7 +201,7 @@ def _opposition(hand: Hand) -> Iterator[Finding]:
         return
     low, high = 1e3 * np.array(opening_range(hand))
     apart = f"{low:.0f} to {high:.0f} mm apart"
-    yield Finding(True, f"pads face each other {apart}: objects of such widths are held")
+    yield Finding(True, f"pads face each other {apart}: no other widths fit between them")
 
 
 def opening_range(hand: Hand) -> tuple[float, float]:
@@ -305,6 +358,8 @@ HAND_CHECKS: Mapping[str, Callable[[Hand], Iterator[Finding]]] = MappingProxyTyp
     {
         "masses": _masses,
         "efforts": _efforts,
+        "joint_limits": _joint_limits,
+        "palm_frame": _palm_frame,
         "self_collisions": _self_collisions,
         "pads": _pads,
         "opposition": _opposition,

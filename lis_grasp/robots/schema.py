@@ -25,11 +25,23 @@ def _not_zero(vector: list[float]) -> list[float]:
     return vector
 
 
+def _in_radians(angles: list[float]) -> list[float]:
+    # Nobody writes more than a whole turn, but degrees.
+    most = max(map(abs, angles))
+    if most > 2.0 * np.pi:
+        raise ValueError(
+            f"must be angles in rad, of one turn at most; {most:g} is more: if they are degrees,"
+            f" multiply them by pi/180 = {np.pi / 180.0:.6f}"
+        )
+    return angles
+
+
 Name = Annotated[str, Field(min_length=1)]
 Number = Annotated[float, Field(ge=-UNLIMITED, le=UNLIMITED)]
 Positive = Annotated[float, Field(gt=0.0, le=UNLIMITED)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Direction = Annotated[Vector, AfterValidator(_not_zero)]
+Angles = Annotated[Vector, AfterValidator(_in_radians)]
 
 
 class _Record(BaseModel):
@@ -40,14 +52,14 @@ class PalmFrame(_Record):
     """Pose of the palm frame H in the base link's frame."""
 
     translation: Vector = Field(description="[m]")
-    rpy: Vector = Field(description="Fixed-axis roll, pitch, yaw, as in a URDF [rad].")
+    rpy: Angles = Field(description="Fixed-axis roll, pitch, yaw, as in a URDF [rad].")
 
 
 class MountEntry(_Record):
     """Pose of the base link in the flange frame F of an arm, +z out of the flange."""
 
     translation: Vector = Field(description="[m]")
-    rpy: Vector = Field(default=[0.0, 0.0, 0.0], description="Fixed-axis roll, pitch, yaw [rad].")
+    rpy: Angles = Field(default=[0.0, 0.0, 0.0], description="Fixed-axis roll, pitch, yaw [rad].")
 
 
 class PadEntry(_Record):
@@ -182,7 +194,7 @@ class FlangePose(_Record):
     """Pose of the flange frame F in the flange link, +z out of the flange."""
 
     translation: Vector = Field(default=[0.0, 0.0, 0.0], description="[m]")
-    rpy: Vector = Field(default=[0.0, 0.0, 0.0], description="Fixed-axis roll, pitch, yaw [rad].")
+    rpy: Angles = Field(default=[0.0, 0.0, 0.0], description="Fixed-axis roll, pitch, yaw [rad].")
 
 
 class ArmEntry(_RobotEntry):

@@ -130,7 +130,10 @@ def test_a_description_is_known_by_its_content(name: str, text: str, tmp_path: P
         (urdf(limit='<limit effort="1"/>'), "lower and an upper limit; the file gives none"),
         (urdf(limit='<limit lower="0" effort="1"/>'), "upper limit; the file gives one of them"),
         (urdf(limit='<limit lower="0" upper="1"/>'), "effort above 0; the file gives none"),
-        (urdf(body=BOX.format(height=60)), r"the longest body .* 'base' with 60 m.* scale 0\.001"),
+        (
+            urdf(body=BOX.format(height=60)),
+            r"longest body .* 'base' with 60 m.* mm \(then 0\.06 m\)",
+        ),
         (
             urdf(limit=LIMIT.replace("0.04", "0,04")),
             "has '0,04' where a number is needed: .* decimal point",

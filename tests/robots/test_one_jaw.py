@@ -104,7 +104,7 @@ def test_the_hand_holds_widths_at_which_its_jaws_are_about_parallel(hand: Hand) 
     say_width(shapes.find("box", size=0.12).mesh, hand, SimpleNamespace(say=said.append))
     widths = f"{1e3 * min(gaps):.0f} to {1e3 * max(gaps):.0f} mm"
     assert len(said) == 1
-    assert f"60 mm wide where it is narrowest, and one_jaw holds widths of {widths}" in said[0]
+    assert f"60 mm wide where it is narrowest, and pads of one_jaw are {widths} apart" in said[0]
 
 
 def test_a_finger_with_nothing_opposite_is_refused_in_words(tmp_path: Path) -> None:

@@ -1,19 +1,18 @@
-"""Opened postures of a hand, and the palm frame on the side on which the hand is most open."""
+"""Opened postures of a hand: its pads round balls of several sizes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from lis_grasp.geometry import apply_pose, frame_along, make_pose, tangent_frame, unit
+from lis_grasp.geometry import apply_pose
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.draft._structure import link_points
-from lis_grasp.robots.hand import Hand, thumb_of
-from lis_grasp.robots.link_bodies import fibonacci_directions
-from lis_grasp.robots.robot_model import joints_to, rigid_groups
+from lis_grasp.robots.draft._symmetry import alike
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.schema import FEW_DIGITS
 from lis_grasp.typing import FloatArray
 
 RADII = (0.085, 0.07, 0.057, 0.046, 0.036, 0.027, 0.019, 0.012, 0.007)
@@ -23,7 +22,7 @@ _FIRST = (0.036, 0.057, 0.027, 0.046, 0.019, 0.012)  # radii from which the sear
 _ROUNDS, _LEAST_GOOD = 8, 4  # random starts for each of them, and good openings that are enough
 _HOME = 0.5  # fraction of starts near joint positions 0, as far as the limits allow
 _RETRIES = (0.0, 0.02, 0.05, 0.1, 0.1, 0.15)  # spread of starts about a neighbour, of the range
-_BISECTIONS = 4  # of the radius of the widest opening of a gripper
+_BISECTIONS = 4  # of the radius of the widest opening
 # Units of the residuals: [m], [-] (of unit vectors), [m] (of penetrations).
 _POSITION, _AXIS, _BALANCE, _PENETRATION = 0.004, 0.5, 0.25, 0.003
 _RANGE = 3.0  # fractions of a joint's range off its relaxed position
@@ -34,11 +33,6 @@ _MOST_OFF, MOST_TURNED, _MOST_UNBALANCED = 0.006, 0.75, 0.35
 _LEAST_WEIGHT = 0.2  # of a pad, of which the largest is 1
 _SIDE_BY_SIDE = 0.022  # of pads, beyond which fingers do not hinder each other [m]
 _MANY = 4  # number of fingers of which one may be off, as a little finger is
-
-_ENOUGH = 0.04  # clearance that counts [m]
-_FORWARD = 0.03  # weight of the direction from the palm [m]
-_TURNS = 720  # directions across the closing one that are tried
-_BESIDE = 0.02  # of the palm's points from the line through the ball [m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,22 +79,51 @@ def find_pregrasps(
         for radius in radii:
             following = problem.solve_near(last, radius, rng)
             if following is None:
-                if len(hand.pads) == 2 and radius > last.radius:
+                if _has_widest(hand) and radius > last.radius:
                     widest = _widest(problem, last, radius, rng)
                     openings += [widest] if widest is not last else []
                 break
             openings.append(following)
             last = following
-    return sorted(openings, key=lambda opening: -opening.radius)
+    openings.sort(key=lambda opening: -opening.radius)
+    if _has_widest(hand) and len(openings) > 1:
+        openings[0] = _at_limits(hand, problem, *openings[:2])
+    return [_evened(hand, problem, opening) for opening in openings]
+
+
+def _has_widest(hand: Hand) -> bool:
+    """Return whether the limits say how wide a hand opens: a gripper, or a motor for a finger."""
+    return len(hand.pads) == 2 or all(len(hand.finger_joints(f)) == 1 for f in hand.fingers)
 
 
 def _widest(problem: _Problem, last: Opening, failed: float, rng: np.random.Generator) -> Opening:
-    """Return the widest opening of a gripper, by bisection between two radii, one that failed."""
+    """Return the widest opening, by bisection between two radii, one that failed."""
     for _ in range(_BISECTIONS):
         middle = 0.5 * (last.radius + failed)
         opening = problem.solve_near(last, middle, rng)
         last, failed = (last, middle) if opening is None else (opening, failed)
     return last
+
+
+def _at_limits(hand: Hand, problem: _Problem, widest: Opening, narrower: Opening) -> Opening:
+    """Return the widest opening with its joints at the limits to which they open, if it is good."""
+    opens = widest.q - narrower.q
+    q = np.where(opens > FEW_DIGITS, hand.upper, np.where(opens < 0.0, hand.lower, widest.q))
+    q = np.where(np.abs(opens) <= FEW_DIGITS, widest.q, q)
+    opened = problem.with_joints(widest, q)
+    return opened if opened.good else widest
+
+
+def _evened(hand: Hand, problem: _Problem, opening: Opening) -> Opening:
+    """Return an opening with equal fingers bent alike, if it is good: least squares leave errors.
+
+    Where a ball may be anywhere between two jaws, the errors are large.
+    """
+    q = alike(hand, opening.q)
+    if q is None:
+        return opening
+    evened = problem.with_joints(opening, q)
+    return evened if evened.good else opening
 
 
 class _Problem:
@@ -166,9 +189,24 @@ class _Problem:
             ftol=1e-4,
             xtol=1e-5,
         )
-        q, center = solved.x[: self._count], solved.x[self._count : self._count + 3]
-        good = self._fits(solved.x, radius) and not self._checker.self_collisions(q)
-        return Opening(radius, q, center, float(solved.cost), good)
+        return self._opening(radius, solved.x, float(solved.cost))
+
+    def with_joints(self, opening: Opening, q: FloatArray) -> Opening:
+        """Return the opening of the same radius at joint positions (J,): only its ball moves."""
+        start = np.concatenate([opening.center_H, np.full(self._fingers, 0.6)])
+        low, high = self._low[self._count :], self._high[self._count :]
+        solved = least_squares(
+            lambda y: self._residuals(np.concatenate([q, y])[None], opening.radius)[0],
+            np.clip(start, low + 1e-9, high - 1e-9),
+            bounds=(low, high),
+            x_scale=np.concatenate([np.full(3, 0.05), np.ones(self._fingers)]),
+        )
+        return self._opening(opening.radius, np.concatenate([q, solved.x]), float(solved.cost))
+
+    def _opening(self, radius: float, x: FloatArray, cost: float) -> Opening:
+        q, center = x[: self._count], x[self._count : self._count + 3]
+        good = self._fits(x, radius) and not self._checker.self_collisions(q)
+        return Opening(radius, q, center, cost, good)
 
     def _fits(self, x: FloatArray, radius: float) -> bool:
         off, turned, balance, inside, _ = self._errors(x[None], radius)
@@ -224,77 +262,3 @@ class _Problem:
         moved = np.vstack([x, x + step * np.eye(len(x))])
         values = self._residuals(moved, radius)
         return np.asarray((values[1:] - values[0]).T / step)
-
-
-def find_palm_frame(hand: Hand, opening: Opening) -> FloatArray:
-    """Return the pose (4, 4) of H in the base link, with z along the approach.
-
-    The ball of an opening leaves the hand along +z, the direction in which it passes the links at
-    the largest distance, preferably away from the fingers' roots; of two fingers, the direction
-    across the closing one in which the pads lead the palm most. The x axis points from the
-    thumb to the other fingers, across z. The origin is on the palm, below the ball. `hand` must
-    have its palm frame at the base link.
-    """
-    links = hand.forward_kinematics(np.eye(4), opening.q)
-    points = link_points(hand)
-    p_B = np.vstack([apply_pose(links[k], p) for k, p in points.items()])
-    arms = p_B - opening.center_H
-    closing = _closing_direction(hand, opening.q)
-    candidates = fibonacci_directions(1000)
-    if len(hand.pads) == 2:  # open on all sides
-        palm = points.get(hand.base_link, np.zeros((1, 3))).mean(axis=0)
-        approach = _leading_direction(hand, closing, opening, points, links)
-    else:
-        palm = _finger_roots(hand, links).mean(axis=0)
-        forward = unit(opening.center_H - palm, least=1e-9)
-        ahead = arms @ candidates.T  # (P, D)
-        across = np.sqrt(np.maximum((arms**2).sum(axis=1)[:, None] - ahead**2, 0.0))
-        clearance = np.where(ahead > 0.0, across, np.inf).min(axis=0)
-        scores = np.minimum(clearance, _ENOUGH) + _FORWARD * candidates @ forward
-        approach = candidates[np.argmax(scores)]
-    origin = _on_palm(hand, points.get(hand.base_link, p_B), opening.center_H, approach, palm)
-    return make_pose(frame_along(approach, closing), origin)
-
-
-def _leading_direction(
-    hand: Hand,
-    closing: FloatArray,
-    opening: Opening,
-    points: Mapping[str, FloatArray],
-    links: Mapping[str, FloatArray],
-) -> FloatArray:
-    """Return the direction (3,) across the closing one in which the ball is most ahead of links.
-
-    The fingertips do not count, nor does what is fixed to them.
-    """
-    groups = rigid_groups(hand)
-    tips = {groups[pad.link] for pad in hand.pads}
-    behind = [apply_pose(links[k], p) for k, p in points.items() if groups[k] not in tips]
-    first, second = tangent_frame(closing)
-    angles = np.linspace(0.0, 2.0 * np.pi, _TURNS, endpoint=False)
-    around = np.outer(np.cos(angles), first) + np.outer(np.sin(angles), second)
-    arms = np.vstack([np.zeros((1, 3)), *behind]) - opening.center_H
-    return np.asarray(around[np.argmin((arms @ around.T).max(axis=0).round(6))])
-
-
-def _finger_roots(hand: Hand, links: dict[str, FloatArray]) -> FloatArray:
-    chains = (joints_to(hand.joints, pad.link) for pad in hand.pads)
-    return np.array([links[next(j.child for j in c if j.index >= 0)][:3, 3] for c in chains])
-
-
-def _closing_direction(hand: Hand, q: FloatArray) -> FloatArray:
-    """Return the direction from the thumb's pad to the middle of the others, unit, (3,)."""
-    axes, centers = hand.pad_axes(np.eye(4), q), hand.pad_centers(np.eye(4), q)
-    thumb = thumb_of(axes)
-    closing = np.delete(centers, thumb, axis=0).mean(axis=0) - centers[thumb]
-    return unit(closing)
-
-
-def _on_palm(
-    hand: Hand, base: FloatArray, center: FloatArray, approach: FloatArray, palm: FloatArray
-) -> FloatArray:
-    behind = (base - center) @ approach
-    beside = np.linalg.norm(base - center - np.outer(behind, approach), axis=1)
-    below = behind[(beside < _BESIDE) & (behind < 0.0)]
-    height = below.max() if len(below) else (palm - center) @ approach
-    return np.asarray(center + height * approach)

@@ -22,7 +22,8 @@ from lis_grasp.robots._urdf import naming
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.draft._flat_pads import face_areas
 from lis_grasp.robots.draft._pads import fit_pads
-from lis_grasp.robots.draft._pregrasps import MOST_TURNED, Opening, find_palm_frame, find_pregrasps
+from lis_grasp.robots.draft._palm_frame import find_palm_frame
+from lis_grasp.robots.draft._pregrasps import MOST_TURNED, Opening, find_pregrasps
 from lis_grasp.robots.draft._probe_postures import find_probe_postures
 from lis_grasp.robots.draft._structure import (
     DraftFinger,
