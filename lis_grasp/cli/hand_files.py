@@ -66,9 +66,14 @@ def write_draft(options: argparse.Namespace) -> None:
     hand = Hand.load(output)
     for note in draft.notes:
         say(f"note  {note}")
-    say_findings(hand_findings(hand))
+    findings = hand_findings(hand)
+    say_findings(findings)
     say(f"wrote {output}: joints: {len(hand.joint_names)}, fingers: {', '.join(hand.fingers)}")
-    say(next_step("lis-grasp hand view {0}, or: lis-grasp run box --hand {0}", output))
+    fine = all(finding.fine for finding in findings)
+    after = (
+        "lis-grasp run box --hand {0}" if fine else "mend each FIX, and lis-grasp doctor --hand {0}"
+    )
+    say(next_step("lis-grasp hand view {0}, or: " + after, output))
 
 
 def write_page(options: argparse.Namespace) -> None:

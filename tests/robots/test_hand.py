@@ -2,6 +2,7 @@
 
 import copy
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from trimesh.collision import CollisionManager
 
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_check import hand_findings
 from lis_grasp.robots.schema import HandEntry
 from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
 
@@ -278,7 +280,37 @@ MISTAKES: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
         "self_collision_exclusions[6]",
     ),
     "no such URDF": (lambda d: d.update(urdf="nowhere.urdf"), "urdf"),
+    "degrees": (lambda d: d["palm_frame"].update(rpy=[0, 0, 90]), "palm_frame.rpy"),
 }
+
+
+@pytest.mark.parametrize(
+    ("spoil", "named"),
+    [
+        (lambda d: d["palm_frame"].update(translation=[0, 0, 40]), "palm_frame"),
+        (lambda d: d.update(approach=[0, 0, -1]), "approach"),
+    ],
+)
+def test_a_palm_frame_in_mm_and_a_backward_approach_are_to_be_fixed(
+    tmp_path: Path, spoil: Callable[[dict[str, Any]], Any], named: str
+) -> None:
+    document, path = shipped(tmp_path)
+    path.write_text(yaml.safe_dump(document))
+    assert all(finding.fine for finding in hand_findings(Hand.load(path)))
+    spoil(document)
+    path.write_text(yaml.safe_dump(document))
+    wrong = [each for each in hand_findings(Hand.load(path)) if not each.fine]
+    assert any(each.text.startswith(named) for each in wrong)
+
+
+@pytest.mark.parametrize("limit", ["5.5", "55"])
+def test_slides_in_cm_or_mm_are_to_be_fixed(tmp_path: Path, limit: str) -> None:
+    document, path = shipped(tmp_path)
+    path.write_text(yaml.safe_dump(document))
+    urdf = tmp_path / "wsg50.urdf"
+    urdf.write_text(re.sub(r'upper="[\d.]+"', f'upper="{limit}"', urdf.read_text()))
+    wrong = [each.text for each in hand_findings(Hand.load(path)) if not each.fine]
+    assert any("left_slide" in text for text in wrong)
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
