@@ -149,6 +149,6 @@ def check_hand(hand: str | Path | Hand) -> HeldClaims:
     Examples
     --------
     >>> check_hand("wsg50")
-    12 of 12 claims hold
+    14 of 14 claims hold
     """
     return require_all(hand_checks(hand))
