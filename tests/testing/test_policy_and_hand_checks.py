@@ -242,6 +242,6 @@ def test_a_hand_with_wrong_jacobians_fails_its_check(monkeypatch: pytest.MonkeyP
 
 def test_a_check_returns_the_claims_that_hold() -> None:
     held = check_hand("wsg50")
-    assert repr(held) == "14 of 14 claims hold"
-    assert list(held) == [str(check) for check in hand_checks("wsg50")]
-    assert (held.plugin, len(held)) == ("wsg50", 12)
+    claims = [str(check) for check in hand_checks("wsg50")]
+    assert (held.plugin, list(held)) == ("wsg50", claims)
+    assert repr(held) == f"{len(claims)} of {len(claims)} claims hold"
