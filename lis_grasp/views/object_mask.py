@@ -58,10 +58,9 @@ def segment_object(
         above = height > least
     if bounds is not None:
         low, high = np.asarray(bounds, np.float64)
-        points = apply_pose(
-            view.X_WC, view.depth[..., None] * view.intrinsics.rays(view.depth.shape)
-        )
-        with np.errstate(invalid="ignore"):
+        rays = view.intrinsics.rays(view.depth.shape)
+        with np.errstate(invalid="ignore"):  # depths beyond the range are infinite
+            points = apply_pose(view.X_WC, view.depth[..., None] * rays)
             above &= ((points[..., :2] >= low[:2]) & (points[..., :2] <= high[:2])).all(axis=-1)
             above &= height <= high[2] - support_height
     parts, count = ndimage.label(above)
