@@ -140,7 +140,8 @@ def _is_said(row: Row) -> bool:
 
 def _judged_alike(of: Sequence[Row]) -> list[bool]:
     """Return of each executed grasp whether it is held in both simulators or in none."""
-    return [row["held"] == row["held_in_mujoco"] for row in of if "held_in_mujoco" in row]
+    judged = [row for row in of if row.get("held_in_mujoco") is not None]
+    return [row["held"] == row["held_in_mujoco"] for row in judged]
 
 
 def _mean(values: Any) -> float:
