@@ -28,8 +28,9 @@ from lis_grasp.task.recorded_facts import located, read_facts
 from lis_grasp.task.task import Task
 
 # Files whose headers have the object's pose, the last written first.
-SOURCES = ("grasps.json", "surface.ply", "contacts.ply", "lifts.json")
+SOURCES = ("grasps.json", "surface.ply", "contacts.ply")
 
+_LIFTS = "lifts.json"
 # Facts of an object that a lift names, where its grasps are of a mesh of no known object.
 _OBJECT = ("object", "size", "units", "up")
 
@@ -103,17 +104,18 @@ class Run(Answering):
         """
         folder = Path(str(folder))
         files = {path.name: path for path in folder.glob("*.*")}
-        source = next((files[name] for name in SOURCES if name in files), None)
+        known = (*SOURCES, _LIFTS)
+        source = next((files[name] for name in known if name in files), None)
         if source is None:
             raise InvalidFileError(
-                f"{folder} has no results ({', '.join(SOURCES)}): name a folder that `lis-grasp"
+                f"{folder} has no results ({', '.join(known)}): name a folder that `lis-grasp"
                 " run` or another verb wrote",
                 path=folder,
             )
         report = files.get("report.json")
         facts = read_facts(source)
-        if "object" not in facts and "lifts.json" in files:
-            lifted = read_facts(files["lifts.json"])
+        if "object" not in facts and _LIFTS in files:
+            lifted = read_facts(files[_LIFTS])
             facts = {**facts, **{n: lifted[n] for n in _OBJECT if n in lifted}}
         return cls(
             folder,

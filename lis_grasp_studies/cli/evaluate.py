@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 HELP = "measure every published number from one file; one page of results"
 EXAMPLES = (
-    ("--quick", "every table, from few objects: a quarter of an hour on two cores"),
+    ("--quick", "every table, from few objects: twenty minutes on two cores"),
     ("--hours 3", "the most important numbers first; run again, it continues"),
 )
 
