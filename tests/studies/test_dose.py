@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io.json_lines import Row
-from lis_grasp.shapes.mesh_distance import MeshTree
+from lis_grasp.shapes.mesh_distance import InsideTest, MeshTree
 from lis_grasp_studies.evaluation.configuration import Configuration
 from lis_grasp_studies.evaluation.dose import (
     CONTINUED,
@@ -127,7 +127,7 @@ def test_the_volume_of_continued_faces_of_a_box_is_that_counted(
     assert np.sqrt(MeshTree(box).nearest(continued.vertices)[0]).max() == pytest.approx(
         reach, abs=2e-5
     )
-    assert continued.contains(0.999 * box.vertices).all()  # nothing is taken away
+    assert InsideTest(continued).inside(0.999 * box.vertices).all()  # nothing is taken away
 
 
 def test_faces_are_continued_in_their_planes_and_not_below_the_table() -> None:
@@ -137,9 +137,9 @@ def test_faces_are_continued_in_their_planes_and_not_below_the_table() -> None:
     x, y, z = 0.5 * SIDES
     above = np.array([0.0, 0.0, 1e-4])
     beyond = np.array([[x + 0.003, 0.0, z], [0.0, y + 0.003, z], [x + 0.002, y + 0.002, z]])
-    assert continued.contains(beyond - above).all()
-    assert not continued.contains(beyond + above).any()
-    assert not continued.contains(beyond - [0.0, 0.0, PLATE + 1e-4]).any()
+    assert InsideTest(continued).inside(beyond - above).all()
+    assert not InsideTest(continued).inside(beyond + above).any()
+    assert not InsideTest(continued).inside(beyond - [0.0, 0.0, PLATE + 1e-4]).any()
     cut = continue_faces(BOX, reach, lowest=-z)
     assert cut.bounds[0, 2] == pytest.approx(-z, abs=1e-9)
 
@@ -149,9 +149,9 @@ def test_a_face_does_not_continue_beyond_a_concave_edge() -> None:
     slab, wall = block(0.08, 0.04, 0.02), block(0.004, 0.04, 0.04).translate((0.0, 0.0, 0.03))
     continued = continue_faces(mesh_of(slab + wall), 0.03)
     x, below = 0.002 - 0.5 * PLATE, -0.012
-    assert not continued.contains([[x, 0.0, below], [-x, 0.0, below]]).any()
+    assert not InsideTest(continued).inside(np.array([[x, 0.0, below], [-x, 0.0, below]])).any()
     ends = 0.04 - 0.5 * PLATE  # those of the slab's ends are there
-    assert continued.contains([[ends, 0.0, below], [-ends, 0.0, below]]).all()
+    assert InsideTest(continued).inside(np.array([[ends, 0.0, below], [-ends, 0.0, below]])).all()
 
 
 def test_each_dose_of_each_family_is_one_solid_above_the_table() -> None:
