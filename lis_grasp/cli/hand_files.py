@@ -71,7 +71,9 @@ def write_draft(options: argparse.Namespace) -> None:
     say(f"wrote {output}: joints: {len(hand.joint_names)}, fingers: {', '.join(hand.fingers)}")
     fine = all(finding.fine for finding in findings)
     after = (
-        "lis-grasp run box --hand {0}" if fine else "mend each FIX, and lis-grasp doctor --hand {0}"
+        "lis-grasp run box --hand {0}"
+        if fine
+        else "repair each FIX, and lis-grasp doctor --hand {0}"
     )
     say(next_step("lis-grasp hand view {0}, or: " + after, output))
 

@@ -15,7 +15,7 @@ from lis_grasp.exceptions import EstimationError, FailedCheckError, LisGraspErro
 from lis_grasp.plugins import errors_of
 
 # Letters of failed claims' sentences in a message, beyond which other claims are only named.
-_TOLD = 600
+_LETTERS = 600
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,10 +125,10 @@ def require_all(checks: Sequence[Check]) -> HeldClaims:
 
 
 def _summary(failures: Mapping[str, str], count: int) -> str:
-    told = [f"{name}: {text}" for name, text in failures.items()]
-    fit = max(int(np.count_nonzero(np.cumsum([len(text) for text in told]) <= _TOLD)), 1)
+    sentences = [f"{name}: {text}" for name, text in failures.items()]
+    fit = max(int(np.count_nonzero(np.cumsum([len(text) for text in sentences]) <= _LETTERS)), 1)
     others = f"; also {', '.join(list(failures)[fit:])}" if len(failures) > fit else ""
-    return f"{len(failures)} of {count} checks failed; {'; '.join(told[:fit])}{others}"
+    return f"{len(failures)} of {count} checks failed; {'; '.join(sentences[:fit])}{others}"
 
 
 def plugin_name(plugin: object) -> str:

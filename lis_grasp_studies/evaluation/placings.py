@@ -30,7 +30,7 @@ from lis_grasp.stages.place import with_place
 from lis_grasp.stages.plan import plan_grasps
 from lis_grasp.stages.scenario import Scenario
 from lis_grasp_studies.evaluation.part import SaltedPart, SaltedTrial
-from lis_grasp_studies.evaluation.suction_lifts import explored
+from lis_grasp_studies.evaluation.suction_lifts import explored, reasons
 from lis_grasp_studies.evaluation.touched_shapes import estimated_mesh, scenario_of
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.statistics import rate_with_interval
@@ -90,7 +90,7 @@ class PlacingsPart(SaltedPart):
             ("in a corner", lambda of: _rate(where(_held(of), goal="corner"))),
             ("moved [mm]", lambda of: _median(of, "moved", 1e3)),
             ("turned [deg]", lambda of: _median(of, "turned", 180.0 / np.pi)),
-            ("other ends", _reasons),
+            ("other ends", lambda of: reasons(r for r in _held(of) if not r["placed"])),
             ("MuJoCo agrees", lambda of: "{} of {}".format(*_agreement(of))),
         ]
         title = "Put down after the lift"
@@ -129,9 +129,3 @@ def _agreement(rows: Sequence[Row]) -> tuple[int, int]:
 def _median(rows: Sequence[Row], name: str, scale: float) -> str:
     values = [row[name] for row in _held(rows) if row.get(name) is not None]
     return f"{scale * np.median(values):.1f}" if values else NONE
-
-
-def _reasons(rows: Sequence[Row]) -> str:
-    """Return how objects that Drake held ended otherwise than placed."""
-    lost = sorted(split((row for row in _held(rows) if not row["placed"]), "reason").items())
-    return ", ".join(f"{reason} {len(of)}" for reason, of in lost)

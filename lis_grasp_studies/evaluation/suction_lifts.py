@@ -14,7 +14,7 @@ loads that the planner draws (`CARRIES`). A plan without a grasp is a loss. Goal
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from functools import lru_cache
 from typing import ClassVar, Literal
@@ -98,7 +98,7 @@ class SuctionPart(SaltedPart):
             ("truly seals [%]", mean_cell("seals", 100.0, 0)),
             ("predicted to seal [%]", mean_cell("closure", 100.0, 0)),
             ("predicted to hold [%]", mean_cell("success", 100.0, 0)),
-            ("reasons of losses", _reasons),
+            ("reasons of losses", lambda rows: reasons(r for r in rows if not r["held"])),
         ]
         title = "Lifts with the first cup"
         groups = split(with_holdable(rows), "estimator")
@@ -132,6 +132,7 @@ def _held(rows: Sequence[Row]) -> str:
     return rate_with_interval(_count(able), len(able))
 
 
-def _reasons(rows: Sequence[Row]) -> str:
-    lost = sorted(split((row for row in rows if not row["held"]), "reason").items())
+def reasons(rows: Iterable[Row]) -> str:
+    """Return how lifts ended, with their numbers, in the order of the reasons' names."""
+    lost = sorted(split(rows, "reason").items())
     return ", ".join(f"{reason} {len(of)}" for reason, of in lost)

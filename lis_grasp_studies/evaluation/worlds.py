@@ -121,30 +121,26 @@ def _run(scenario: pipeline.Scenario) -> Row:
     world = world_facts(attempts).get("world", {"touch": {}, "lift": {}})
     felt, given = world["touch"].get("contacts", {}), exploration.touched_beside
     error = surface_error(last.mesh, last.scenario.truth.shape_now, samples=2000)
-    judged = {} if last.outcome is None else _judged_in_mujoco(last)
-    return (
-        row
-        | judged
-        | {
-            "held": last.outcome is not None and last.outcome.held,
-            "reason": "no_grasp" if last.outcome is None else last.outcome.reason,
-            "contacts_of_bodies": sum(felt.values()),
-            "given_wrongly": sum(abs(felt.get(n, 0) - given[n]) for n in {*felt, *given}),
-            "touch_force": max(world["touch"].get("forces", {}).values(), default=0.0),
-            "lift_force": max(world["lift"].get("forces", {}).values(), default=0.0),
-            "moved_mm": max([*_moved(world["touch"]), *_moved(world["lift"])], default=0.0),
-            "pushed": ", ".join(sorted(n for n, f in _forces(world).items() if f > ALLOWED)),
-            "rmsd": error.rmsd,
-            "cpu": spent,
-        }
-    )
+    if last.outcome is not None:
+        row |= _judged_in_mujoco(last)
+    return row | {
+        "held": last.outcome is not None and last.outcome.held,
+        "reason": "no_grasp" if last.outcome is None else last.outcome.reason,
+        "contacts_of_bodies": sum(felt.values()),
+        "given_wrongly": sum(abs(felt.get(n, 0) - given[n]) for n in {*felt, *given}),
+        "touch_force": max(world["touch"].get("forces", {}).values(), default=0.0),
+        "lift_force": max(world["lift"].get("forces", {}).values(), default=0.0),
+        "moved_mm": max([*_moved(world["touch"]), *_moved(world["lift"])], default=0.0),
+        "pushed": ", ".join(sorted(n for n, f in _forces(world).items() if f > ALLOWED)),
+        "rmsd": error.rmsd,
+        "cpu": spent,
+    }
 
 
 def _judged_in_mujoco(attempt: Attempt) -> Row:
     """Return how the grasp of an attempt ends in MuJoCo, from where Drake's lift began."""
     scenario = attempt.scenario
-    world = replace(scenario.task.world, simulator="mujoco")
-    scenario = replace(scenario, task=replace(scenario.task, world=world))
+    scenario = replace(scenario, task=scenario.task.having(simulator="mujoco"))
     grasp = attempt.search.grasps[attempt.rank]
     outcome = lift_object(scenario, grasp, estimate=attempt.mesh)
     return {
