@@ -12,7 +12,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_at_least
 from lis_grasp.exploration.observations import Landmark, Observation
 from lis_grasp.exploration.planar_motion import PoseBelief, PoseTrust, push_of
-from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
+from lis_grasp.exploration.probe import HandPose, PassedWay, Probe, ProbeOutcome
 from lis_grasp.exploration.states import ExplorationState
 from lis_grasp.geometry import relative_rotation
 from lis_grasp.surfaces import ImplicitSurface
@@ -23,6 +23,8 @@ from lis_grasp.typing import FloatArray
 _CONTRADICTION, _FAR, _LARGE_MOTION = 5.0, 0.003, (0.015, 0.015, 0.3)
 # A landmark's probe begins this far before its contact when it is repeated [m].
 _BEFORE_AGAIN = 0.03
+# The hand is slow from this far before it on, and two standard deviations of the pose [m].
+_SLOW_AGAIN = 0.012
 # From this many standard deviations on, it is suspicious: a known place is probed again.
 _SUSPICIOUS = 2.0
 # A contact this deep inside free space, in standard deviations and [m], shows a motion too.
@@ -128,9 +130,11 @@ class PoseTracker:
             return None
         beyond = 2.0 * float(deviations[best])
         # After one contact, only the landmark's own way is known to be free.
-        few = len(state.known) < 2
-        again = touches[best].probe if few else _from_near(touches[best], beyond)
-        return replace(again, overshoot=again.overshoot + beyond)
+        few, touch = len(state.known) < 2, touches[best]
+        again = touch.probe if few else _from_near(touch, beyond)
+        at, margin = touch.hand_pose, _SLOW_AGAIN + beyond
+        way = None if at is None else PassedWay(at.X_OH, margin)
+        return replace(again, overshoot=again.overshoot + beyond, passed=way)
 
     def track(
         self, outcome: ProbeOutcome, state: ExplorationState

@@ -18,8 +18,38 @@ from lis_grasp.geometry import UNIT_ROUNDING, apply_pose, inverse_pose, require_
 from lis_grasp.records import Record, read_only, short_repr
 from lis_grasp.typing import BoolArray, FloatArray
 
+# A way is passed again if the palm is this near it [m], and turned as little [rad].
+_SAME_WAY, _SAME_TURN = 0.005, 0.05
+
 ProbeStatus = Literal["touched", "missed", "blocked"]
 ProbePurpose = Literal["search", "extent", "repeat", "policy"]
+Pace = Literal["gentle", "tested", "quick"]
+"""How a hand touches what may move: gently; gently, and then it rests to feel whether the object
+resists; or quickly, where the object resisted before."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PassedWay(Record):
+    """Way of a hand that an earlier probe passed without a touch."""
+
+    X_OH: FloatArray  #: (4, 4): pose of the palm where it ended, at a touch
+    margin: float  #: length before the end on which the object may be met again [m]
+
+    __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "X_OH", require_pose("X_OH", self.X_OH))
+        require_at_least(0, margin=self.margin)
+
+    def length_from(self, X_OH: FloatArray, direction: FloatArray) -> float:
+        """Return how far a palm at X_OH (4, 4) can go in a direction (3,) on this way [m]."""
+        offset = self.X_OH[:3, 3] - X_OH[:3, 3]
+        along = float(offset @ direction)
+        aside = float(np.linalg.norm(offset - along * direction))
+        turned = float(np.linalg.norm(self.X_OH[:3, :3] - X_OH[:3, :3], ord=2))
+        if aside > _SAME_WAY or turned > _SAME_TURN:
+            return 0.0
+        return max(along - self.margin, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +74,10 @@ class Probe(Record):
     purpose
         What it is for: to find the object, or its ends, to repeat an earlier touch of an object
         that may move, or what the policy wants.
+    passed
+        Way of an earlier probe that this one repeats, on which the hand need not be slow.
+    pace
+        How the hand touches an object that may move; see `Pace`.
 
     Raises
     ------
@@ -57,6 +91,8 @@ class Probe(Record):
     overshoot: float
     slides: FloatArray = field(default_factory=lambda: np.empty((0, 3)), repr=False)
     purpose: ProbePurpose = field(default="policy", repr=False)
+    passed: PassedWay | None = field(default=None, repr=False)
+    pace: Pace = field(default="gentle", repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "target", read_only(_vector("target", self.target)))
@@ -72,8 +108,10 @@ class Probe(Record):
         """Return the probe in a frame F with pose X_EF (4, 4)."""
         X_FE = inverse_pose(X_EF)
         target, direction = apply_pose(X_FE, self.target), rotate(X_FE, self.direction)
-        slides = rotate(X_FE, self.slides)
-        return replace(self, target=target, direction=direction, slides=slides)
+        slides, passed = rotate(X_FE, self.slides), self.passed
+        if passed is not None:
+            passed = replace(passed, X_OH=X_FE @ passed.X_OH)
+        return replace(self, target=target, direction=direction, slides=slides, passed=passed)
 
     @property
     def start(self) -> FloatArray:
@@ -135,6 +173,8 @@ class ProbeOutcome(Record):
     left_at
         Joint positions of an arm, then of its hand, where the probe left them [rad or m]; empty
         without an arm, or at its home.
+    resisted
+        Whether a hand that rested after the touch still felt the object; None if it did not rest.
 
     Raises
     ------
@@ -157,6 +197,7 @@ class ProbeOutcome(Record):
     slid: int = 0
     seconds: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     left_at: FloatArray = field(default_factory=lambda: np.empty(0))
+    resisted: bool | None = None
 
     __repr__ = short_repr
 

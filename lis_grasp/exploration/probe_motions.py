@@ -24,6 +24,9 @@ A push at speed v gives a free object at most this speed. It topples only if hal
 foot is below v sqrt(h / g), its centre of mass at height h: 2 mm of 30 mm.
 """
 
+QUICK_SPEED = 0.06
+"""The same in a direction in which the object resisted a touch [m/s]."""
+
 SLIDE_SPEED = 0.05
 """Speed of a fingertip that slides along a surface [m/s]."""
 

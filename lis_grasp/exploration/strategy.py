@@ -10,8 +10,9 @@ import numpy as np
 from lis_grasp.exceptions import counted, listed, require_at_least
 from lis_grasp.exploration.extent import free_beyond, open_ends, unreached
 from lis_grasp.exploration.neighbours import Neighbours, fitted
+from lis_grasp.exploration.pace import pace_of
 from lis_grasp.exploration.policy import AvoidingPolicy, Policy
-from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.probe import Pace, Probe, ProbeOutcome
 from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.states import ExplorationState, NextProbe
 from lis_grasp.exploration.stopping import StopRule
@@ -109,7 +110,8 @@ def _planned(
     slides = probe.slides[:0] if is_tracked else probe.slides
     if strategy.slide and not is_tracked and not len(slides):
         slides = choose_slides(probe, strategy.slide, space, known, state.estimated)
-    probe = replace(probe, slides=slides)
+    pace: Pace = pace_of(probe.direction, state.maps.present.outcomes) if is_tracked else "gentle"
+    probe = replace(probe, slides=slides, pace=pace)
     region = where.bounds if isinstance(where, Region) else None
     return NextProbe(probe, ObstacleModel(space, known, state.surface, region))
 

@@ -165,6 +165,7 @@ def _row(probe: LoggedProbe) -> Row:
     names = ("points", "normals", "forces", "fingers", "times")
     noise = {name: getattr(contacts, name) for name in ("position_noise", "normal_noise")}
     row = {n: v for n, v in fields_of(outcome.probe).items() if n != "slides" or len(v)}
+    del row["passed"], row["pace"]  # the times show them
     row |= {} if row.pop("purpose") == "policy" else {"purpose": outcome.probe.purpose}
     row |= {name: getattr(outcome, name) for name in ("status", "reason", "duration", "moved")}
     row |= {name: getattr(contacts, name) for name in names}
@@ -177,6 +178,7 @@ def _row(probe: LoggedProbe) -> Row:
     row |= {"slid": outcome.slid} if outcome.slid else {}
     row |= {"seconds": dict(outcome.seconds)} if outcome.seconds else {}
     row |= {"left_at": outcome.left_at} if len(outcome.left_at) else {}
+    row |= {} if outcome.resisted is None else {"resisted": outcome.resisted}
     row |= beside_rows(observation)
     row |= {} if belief is None else {"tracked_pose": belief.as_dict()}
     row |= {} if probe.X_EO is None else {"simulated_pose": probe.X_EO}
@@ -228,6 +230,7 @@ def _probe_of(row: TouchEntry) -> LoggedProbe:
         row.slid,
         row.seconds,
         np.array(row.left_at),
+        row.resisted,
     )
     tracked = row.tracked_pose
     belief = None if tracked is None else PoseBelief.from_dict(tracked.model_dump())
@@ -306,4 +309,5 @@ class TouchEntry(FileRecord):
     slid: Annotated[int, Field(ge=0)] = 0
     seconds: dict[str, Annotated[float, Field(ge=0.0)]] = Field(default_factory=dict)
     left_at: list[Number] = Field(default_factory=list)
+    resisted: bool | None = None
     disturbance: DisturbanceEntry | None = None

@@ -19,6 +19,7 @@ from lis_grasp.exploration.probe_motions import (
     ARM_APPROACH_SPEED,
     ARM_PROBE_SPEED,
     PROBE_SPEED,
+    QUICK_SPEED,
     TRANSIT_SPEED,
 )
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
@@ -165,6 +166,8 @@ class ProbePlanner:
         if approach.arm is not None:
             speed, searching, fast = ARM_PROBE_SPEED, ARM_PROBE_SPEED, ARM_APPROACH_SPEED
             q_in, q_ahead = approach.arm.approach, approach.arm.motion
+        if probe.pace == "quick":
+            speed = max(speed, min(QUICK_SPEED, fast))
         way_in = Leg(begin, axis, distance, speed, fast=fast, q_arm=q_in)
         ahead = Leg(X_OH, along, length, speed, fast=fast, q_arm=q_ahead)
         if obstacles is None:
@@ -176,6 +179,9 @@ class ProbePlanner:
         way_in, ahead = (
             replace(leg, free=_free_length(leg, points, keep_out)) for leg in (way_in, ahead)
         )
+        if probe.passed is not None:
+            passed = min(probe.passed.length_from(X_OH, along), ahead.planned)
+            ahead = replace(ahead, free=max(ahead.free, passed))
         return way_in, ahead
 
     def points(self, *postures: FloatArray) -> FloatArray:

@@ -1,5 +1,7 @@
 """Touches of a free object: it stays, slides, rolls or topples, and remains where it is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -16,6 +18,7 @@ from lis_grasp.simulation.drake import _probing_scene, dynamic_prober
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
 from lis_grasp.simulation.drake.object_plant import FreeObject
 
+BALL = trimesh.creation.icosphere(subdivisions=4, radius=0.04)
 FROM_THE_SIDE = Probe([-0.03, 0.0, 0.0], [1.0, 0.0, 0.0], 0.02, 0.02)
 
 
@@ -109,6 +112,23 @@ def test_a_light_ball_touched_gently_rolls_by_less_than_six_millimetres() -> Non
     outcome, _ = touched(ball, mass=0.05, friction=0.5, probe=probe)
     assert outcome.status == "touched"
     assert 0.0 < outcome.moved < 0.006
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("mesh", "resists"), [(cube(), True), (BALL, False)], ids=["cube", "ball"])
+def test_a_hand_that_rests_feels_a_cube_and_no_more_a_ball_that_rolls_away(
+    mesh: trimesh.Trimesh, resists: bool
+) -> None:
+    # Friction holds the cube up to 0.8 x 0.2 kg x g = 1.6 N. A ball that was pushed for 10 ms at
+    # 0.03 m/s has left the finger after 50 ms.
+    half = float(mesh.bounds[1, 0])
+    probe = Probe([-half, 0.0, 0.0], [1.0, 0.0, 0.0], 0.02, 0.02, pace="tested")
+    outcome, _ = touched(mesh, mass=0.2, friction=0.8, probe=probe)
+    assert outcome.resisted is resists
+    assert (
+        touched(mesh, mass=0.2, friction=0.8, probe=replace(probe, pace="gentle"))[0].resisted
+        is None
+    )
 
 
 @pytest.mark.parametrize(("known", "topples"), [(0, True), (1, False)])

@@ -36,6 +36,9 @@ _BEFORE_WITH_ARM = 0.002
 _BEYOND = 0.01
 # From a free object the hand retreats this late after the detection [s]: a sensor of 100 Hz.
 _LATENCY = 0.01
+# To feel whether the object resists, the hand rests for this time after a touch [s]. What rolls
+# has left it then.
+_REST = 0.05
 
 
 ARM_STOPPED = "the arm stopped"
@@ -245,14 +248,19 @@ class DynamicProber:
             reason = reason.replace("the object", course.touched.body)
         hand_pose: HandPose | None
         try:
-            contacts, hand_pose = self._touch(course)
+            rests = self._free is not None and missed.probe.pace == "tested"
+            contacts, hand_pose, resisted = self._touch(course, rests=rests)
         except ArmStoppedError as stopped:
-            contacts, hand_pose = Contacts.empty(), None
+            contacts, hand_pose, resisted = Contacts.empty(), None, None
             reason = f"{ARM_STOPPED}: {stopped.reason}"
         if self._free is not None:
             missed = replace(missed, moved=self._displacement(before))
         if not len(contacts):
             return replace(missed, status="blocked", reason=reason)
+        if resisted is not None:
+            guarded = missed.seconds["guarded"] + _REST
+            seconds = {**missed.seconds, "guarded": guarded}
+            missed = replace(missed, duration=missed.duration + _REST, seconds=seconds)
         contacts = replace(contacts, times=np.full(len(contacts), course.until_contact))
         end = self._end_of_slide(course)
         return replace(
@@ -261,6 +269,7 @@ class DynamicProber:
             contacts=contacts.append(end),
             hand_pose=hand_pose,
             slid=len(end),
+            resisted=resisted,
         )
 
     def _end_of_slide(self, course: Course) -> Contacts:
@@ -276,12 +285,17 @@ class DynamicProber:
         press = Leg(
             X_OH, -slide.normal, SLIDE_STEP, self._speed, length=SLIDE_STEP, remaining=_BEYOND
         )
-        end, _ = self._touch(replace(course, legs=(press,)))
+        end, _, _ = self._touch(replace(course, legs=(press,)))
         time = course.until_contact + slide.until_end
         return replace(end, times=np.full(len(end), time)) if len(end) else end
 
-    def _touch(self, course: Course) -> tuple[Contacts, HandPose]:
-        """Simulate the last part of a course; return contacts and the hand's pose."""
+    def _touch(
+        self, course: Course, *, rests: bool = False
+    ) -> tuple[Contacts, HandPose, bool | None]:
+        """Simulate the last part of a course; return contacts and the hand's pose.
+
+        The last result is whether a hand that `rests` feels the object in the end.
+        """
         scene, q, leg = self._scene, course.joint_positions, course.last
         palm_to_base = self._hand.forward_kinematics(np.eye(4), q)
         X_EB = leg.X_OH @ palm_to_base[self._hand.base_link]
@@ -309,16 +323,21 @@ class DynamicProber:
         contacts = contacts.in_frame(self._X_WE)
         for name, count in scene.felt_beside().items():
             self._felt[name] = self._felt.get(name, 0) + count
+        resisted: bool | None = None
         if self._moves or self._station is not None:
             late = n + (1 if self._station is not None else round(_LATENCY / scene.time_step))
             for m in range(n + 1, late + 1):
                 scene.step(start + m * step, speed)
+            if rests and len(contacts):
+                for _ in range(round(_REST / scene.time_step)):
+                    scene.step(start + late * step, 0.0)
+                resisted = bool(len(scene.touch()))
             scene.retreat(start + late * step, PROBE_SPEED)
         if self._free is not None:
             self._X_EO = read_only(X_EW @ scene.X_WO)
         if beside:
             self._place_beside(scene.poses_beside)
-        return contacts, hand_pose
+        return contacts, hand_pose, resisted
 
     def _displacement(self, X_EO: FloatArray) -> float:
         """Return the largest displacement of a point of the object from an earlier pose [m]."""
