@@ -164,7 +164,7 @@ class ProbePlanner:
         speed, searching, fast = self._probe_speed, PROBE_SPEED, TRANSIT_SPEED
         q_in, q_ahead = None, None
         if approach.arm is not None:
-            speed, searching, fast = ARM_PROBE_SPEED, ARM_PROBE_SPEED, ARM_APPROACH_SPEED
+            speed, searching, fast = ARM_PROBE_SPEED, ARM_APPROACH_SPEED, ARM_APPROACH_SPEED
             q_in, q_ahead = approach.arm.approach, approach.arm.motion
         if probe.pace == "quick":
             speed = max(speed, min(QUICK_SPEED, fast))

@@ -17,13 +17,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from itertools import product
 from typing import ClassVar, Literal
 
 import numpy as np
 import trimesh
 
 from lis_grasp.exceptions import LisGraspError
+from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.io.json_lines import Row
 from lis_grasp.stages.lift import lift_object
 from lis_grasp.stages.place import with_place
@@ -49,27 +49,45 @@ def measure_placings(trial: SaltedTrial, estimator: str) -> list[Row]:
     mesh = estimated_mesh(estimator, shape, contacts)
     facts = {"object": shape.name, "hand": _HANDS[trial.number % len(_HANDS)]}
     rows = []
-    for goal, simulator in product(_GOALS, _SIMULATORS):
-        options = {"hand": facts["hand"], "place": goal, "simulator": simulator}
-        scenario = scenario_of(shape, trial.seed, grasps=1, mass=_MASS, **options)
-        row = {"goal": goal, "simulator": simulator, "held": False, "placed": False}
-        rows.append(facts | row | _put_down(with_place(scenario), mesh))
+    for goal in _GOALS:
+        options = {"hand": facts["hand"], "place": goal}
+        scenarios = {
+            name: with_place(
+                scenario_of(shape, trial.seed, grasps=1, mass=_MASS, simulator=name, **options)
+            )
+            for name in _SIMULATORS
+        }
+        grasps = _planned(scenarios[_SIMULATORS[0]], mesh)  # the plan knows no simulator
+        for name, scenario in scenarios.items():
+            row = {"goal": goal, "simulator": name, "held": False, "placed": False}
+            end = grasps if isinstance(grasps, dict) else _put_down(scenario, grasps, mesh)
+            rows.append(facts | row | end)
     return rows
 
 
-def _put_down(scenario: Scenario, mesh: trimesh.Trimesh) -> Row:
-    """Return the outcome of the best grasp on a mesh, lifted and put down."""
+def _planned(scenario: Scenario, mesh: trimesh.Trimesh) -> Grasp | Row:
+    """Return the best grasp on a mesh, or the row of a trial without one."""
     try:
         search = plan_grasps(scenario.agent, mesh)
-        if not search.grasps:
-            return {"reason": "no_grasp"}
-        outcome = lift_object(scenario, search.best, estimate=mesh)
     except LisGraspError as error:
-        return {"reason": type(error).__name__, "failure": str(error)}
+        return _failed(error)
+    return search.best if search.grasps else {"reason": "no_grasp"}
+
+
+def _put_down(scenario: Scenario, grasp: Grasp, mesh: trimesh.Trimesh) -> Row:
+    """Return the outcome of a grasp on a mesh, lifted and put down."""
+    try:
+        outcome = lift_object(scenario, grasp, estimate=mesh)
+    except LisGraspError as error:
+        return _failed(error)
     place = outcome.place
     assert place is not None  # the task asks for one
     measured = {key: getattr(place, key) for key in ("moved", "turned", "leaning", "felt")}
     return {"held": outcome.held, "placed": place.placed, "reason": place.reason} | measured
+
+
+def _failed(error: LisGraspError) -> Row:
+    return {"reason": type(error).__name__, "failure": str(error)}
 
 
 PLACINGS = Experiment("placings", measure_placings, asdict, modules=(DRAKE,))

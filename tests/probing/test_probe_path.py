@@ -85,7 +85,7 @@ def test_the_palm_is_fast_where_it_is_free_and_slows_down_before_the_rest(
 
 @pytest.mark.parametrize(
     ("station", "slow", "fast"),
-    [(None, GENTLE_SPEED, PROBE_SPEED), (STATION, ARM_PROBE_SPEED, ARM_PROBE_SPEED)],
+    [(None, GENTLE_SPEED, PROBE_SPEED), (STATION, ARM_PROBE_SPEED, ARM_APPROACH_SPEED)],
 )
 def test_a_search_is_as_fast_as_its_way_down_is_slow(
     station: Station | None, slow: float, fast: float
