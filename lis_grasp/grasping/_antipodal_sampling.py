@@ -1,4 +1,4 @@
-"""Antipodal sampling of contact sets: the thumb's contact opposite to the fingers' contacts."""
+"""Antipodal sampling of contact sets: a thumb against fingers in a row, or fingers in a ring."""
 
 from __future__ import annotations
 
@@ -35,6 +35,8 @@ class _Opposition:
     others: tuple[int, ...]
     frame_H: FloatArray  # (3, 3), columns: approach, lateral, closing (thumb to others)
     lateral: FloatArray  # (F,) [m]: coordinates of the pads along the lateral axis
+    outward_H: FloatArray  # (F, 3), unit or 0: against the pads' axes, across the approach
+    is_ring: bool  # whether two of the others face each other too, instead of side by side
 
 
 def sample_contact_sets(
@@ -52,6 +54,9 @@ def sample_contact_sets(
        opposite point. Both contacts on a low object have normals that tilt upwards.
     3. The fingers' contacts are beside the opposite point, as far apart as the fingers are, times
        one of the spreads.
+    4. Fingers in a ring face each other, and come closer together as they close. For half of their
+       sets, lines from the middle of the first two points, against the pads' axes, leave the object
+       at the fingers' contacts.
 
     A set is kept if the normals of thumb and fingers are opposed along the line, which makes force
     closure possible (Nguyen 1988). Force closure itself is checked later.
@@ -86,9 +91,13 @@ def sample_contact_sets(
             rejected["no_opposing_surface"] += 1
             continue
         R_OH = _orientation(closing, angle, lean) @ opposition.frame_H.T
-        lateral_O = R_OH @ opposition.frame_H[:, 1]
-        offsets = spread * (opposition.lateral[chosen] - opposition.lateral[chosen].mean())
-        fingers = _finger_contacts(samples, across + offsets[:, None] * lateral_O, closing)
+        if opposition.is_ring and rng.random() < 0.5:
+            outward_O = opposition.outward_H[chosen] @ R_OH.T
+            fingers = _contacts_around(samples, 0.5 * (p + across), outward_O)
+        else:
+            lateral_O = R_OH @ opposition.frame_H[:, 1]
+            offsets = spread * (opposition.lateral[chosen] - opposition.lateral[chosen].mean())
+            fingers = _finger_contacts(samples, across + offsets[:, None] * lateral_O, closing)
         if fingers is None:
             rejected["no_surface_for_a_finger"] += 1
             continue
@@ -163,7 +172,9 @@ def _opposition(hand: Hand) -> _Opposition:
     closing = unit(closing)
     lateral = cross(closing, approach)
     frame = np.column_stack([approach, lateral, closing])
-    return _Opposition(thumb, others, frame, centers @ lateral)
+    outward = unit(np.outer(axes @ approach, approach) - axes, least=np.finfo(float).tiny)
+    is_ring = bool((outward[list(others)] @ outward[list(others)].T < 0.0).any())
+    return _Opposition(thumb, others, frame, centers @ lateral, outward, is_ring)
 
 
 def _choose_fingers(opposition: _Opposition, rng: np.random.Generator) -> list[int]:
@@ -205,19 +216,32 @@ def _opposing_point(
     return samples.intersect(p, closing, int(np.argmax(np.where(opposed, depth, 0.0))))
 
 
+def _contacts_around(
+    samples: SurfaceSamples, center: FloatArray, outward: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray] | None:
+    """Return the contacts of `_finger_contacts` where lines from a point, outward (K, 3), exit."""
+    exits = [_opposing_point(samples, center, direction) for direction in outward]
+    met = [point for point in exits if point is not None]
+    return _finger_contacts(samples, np.array(met), outward) if len(met) == len(exits) else None
+
+
 def _finger_contacts(
     samples: SurfaceSamples, points: FloatArray, closing: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray] | None:
     """Return contacts and normals (K, 3) on lines through points along `closing`, or None.
 
+    `closing` has the shape (3,), or (K, 3) with a direction for each.
+
     Also which (K,) are on tangent planes of flat surroundings, still to be projected. None if one
     of the lines meets no opposed surface near its point.
     """
-    nearest = samples.query(points, np.broadcast_to(closing, points.shape))
+    closing = np.broadcast_to(closing, points.shape)
+    nearest = samples.query(points, closing)
     normals = samples.normals[nearest]
-    if (normals @ closing <= 0.0).any():
+    if ((normals * closing).sum(axis=1) <= 0.0).any():
         return None
-    met = np.array([samples.intersect(p, closing, j) for p, j in zip(points, nearest, strict=True)])
+    lines = zip(points, closing, nearest, strict=True)
+    met = np.array([samples.intersect(p, direction, j) for p, direction, j in lines])
     if np.linalg.norm(met - samples.points[nearest], axis=1).max() > SEARCH_RADIUS:
         return None
     return met, normals, samples.flat[nearest]
