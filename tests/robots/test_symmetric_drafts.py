@@ -7,44 +7,12 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
+from ring_gripper import joint, link, three_fingers
+from scipy.spatial.transform import Rotation
 
 from lis_grasp.robots.draft._symmetry import alike, symmetry_axis
 from lis_grasp.robots.draft.pipeline import draft_hand
 from lis_grasp.robots.hand import Hand
-
-INERTIA = '<inertia ixx="6e-05" iyy="6e-05" izz="6e-05" ixy="0" ixz="0" iyz="0"/>'
-LIMITS = (0.0, 0.6)
-TIP, RING = 0.009, 0.06
-
-
-def link(name: str, shape: str, height: float = 0.0) -> str:
-    return (
-        f'<link name="{name}"><inertial><mass value="0.05"/>{INERTIA}</inertial>'
-        f'<collision><origin xyz="0 0 {height}"/><geometry>{shape}</geometry></collision></link>'
-    )
-
-
-def joint(name: str, parent: str, child: str, kind: str, xyz: str, *, more: str = "") -> str:
-    return (
-        f'<joint name="{name}" type="{kind}"><origin {xyz}/><parent link="{parent}"/>'
-        f'<child link="{child}"/>{more}</joint>'
-    )
-
-
-def three_fingers(limits: tuple[float, float] = LIMITS) -> str:
-    """Return a hand of three fingers on a ring about z, whose pads are 96 mm apart if opened."""
-    parts = [link("base", '<cylinder radius="0.06" length="0.04"/>')]
-    low, high = limits
-    moves = f'<axis xyz="0 -1 0"/><limit lower="{low}" upper="{high}" effort="1.5" velocity="3"/>'
-    for i, angle in enumerate(np.linspace(0.0, 2.0 * np.pi, 3, endpoint=False)):
-        at = f'xyz="{RING * np.cos(angle)} {RING * np.sin(angle)} 0.02" rpy="0 0 {angle}"'
-        parts += [
-            link(f"finger{i}", '<box size="0.012 0.014 0.09"/>', 0.045),
-            joint(f"j{i}", "base", f"finger{i}", "revolute", at, more=moves),
-            link(f"tip{i}", f'<sphere radius="{TIP}"/>'),
-            joint(f"t{i}", f"finger{i}", f"tip{i}", "fixed", 'xyz="-0.003 0 0.1"'),
-        ]
-    return f'<robot name="tri">{"".join(parts)}</robot>'
 
 
 def jaw(most: float) -> str:
@@ -110,3 +78,15 @@ def test_fingers_with_other_limits_or_a_shared_joint_are_not_evened(name: str) -
     q = next(iter(hand.pregrasps.values()))
     assert alike(hand, q) is None
     assert symmetry_axis(hand, q) is None
+
+
+def test_pads_of_a_ring_reach_walls_30_degrees_beside_their_motion() -> None:
+    """Two fingers are so on the sides of a box if the third one is on its end."""
+    hand = drafted(three_fingers())
+    axes = hand.pad_axes(np.eye(4), hand.pregrasps["medium"])
+    motion = axes - np.outer(axes @ hand.approach_H, hand.approach_H)
+    motion /= np.linalg.norm(motion, axis=1, keepdims=True)
+    for sign in (-1.0, 1.0):
+        turn = Rotation.from_rotvec(sign * np.pi / 6.0 * hand.approach_H)
+        cosines = (turn.apply(motion) * axes).sum(axis=1)
+        assert (np.arccos(cosines) < [pad.half_angle for pad in hand.pads]).all()

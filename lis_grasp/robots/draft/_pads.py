@@ -116,7 +116,7 @@ def round_pad(
     A sphere has the support function ``u @ center + radius``, so that the fit over directions u in
     a cone about the pad's axis is linear. Its radius is at most half the
     width of the finger. The half angle is the largest within which the whole link reaches at most
-    4 mm beyond the sphere.
+    4 mm beyond the sphere; of axes that fit equally, to 0.1 mm, the one with the widest cone.
     """
     along = finger.points_L @ outward_L
     end = finger.points_L[along >= along.max() - _TIP_LENGTH]
@@ -137,10 +137,10 @@ def round_pad(
         error = float(np.sqrt(np.mean((support - cone @ center - radius) ** 2)))
         # What is behind the finger's end should not be farther out.
         error += float((finger.points_L @ axis).max() - (end @ axis).max())
-        fits.append((error, axis, center, radius))
-    _, axis, center, radius = min(fits, key=lambda fit: round(fit[0], 4))
-    beyond = (finger.points_L @ lattice.T).max(axis=0) - lattice @ center - radius
-    reached = angle_between(lattice, axis)[beyond > _PROTRUSION]
-    half_angle = float(np.clip(reached.min(initial=np.pi), *_HALF_ANGLES))
+        beyond = (finger.points_L @ lattice.T).max(axis=0) - lattice @ center - radius
+        reached = angle_between(lattice, axis)[beyond > _PROTRUSION]
+        half_angle = float(np.clip(reached.min(initial=np.pi), *_HALF_ANGLES))
+        fits.append((error, axis, center, radius, half_angle))
+    _, axis, center, radius, half_angle = min(fits, key=lambda fit: (round(fit[0], 4), -fit[4]))
     center, axis = read_only(np.array(center)), read_only(unit(axis))
     return Pad(finger.name, finger.link, center, radius, axis, half_angle)
