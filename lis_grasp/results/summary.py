@@ -211,7 +211,7 @@ def _arm_line(report: Mapping[str, Any]) -> str:
     violated = "; ".join(f"while {phase}: {what}" for phase, what in said.items() if what)
     steps = sum(use.get("steps", 0) for use in uses)
     if violated:
-        line += f"; VIOLATED (of {steps} steps) {violated}"
+        line += f"; unwanted contacts or limits (of {steps} steps) {violated}"
     else:
         line += f"; unwanted contacts: none in {steps} steps"
     shakes = [] if lift is None else lift["shakes"]

@@ -158,7 +158,7 @@ def test_a_violation_is_said_plainly() -> None:
     made["arm"] = {"name": "iiwa14", "touches": fine | {"contact_force": 0.31}}
     made["lift"] = made["lift"] | {"arm": fine | {"shakes": []}}
     (line,) = (line for line in run_lines(made) if line.startswith("arm "))
-    assert "VIOLATED (of 40 steps) while lifting: " in line
+    assert "unwanted contacts or limits (of 40 steps) while lifting: " in line
     assert "palm with table in 1 step with up to 0.25 N" in line
     assert "while touching" not in line
     assert "arm's link_5 with object in 7 steps" in line
