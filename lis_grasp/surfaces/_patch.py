@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -69,12 +70,26 @@ def design_rows(points: FloatArray) -> FloatArray:
 # Covariance of the residual, with its length in spacings.
 _KERNEL = Matern52(3.0)
 
-# Standard deviations of the residual that are tried, in spacings: from none to that of no trend.
-AMPLITUDES = tuple(np.geomspace(0.003, 1.0, 5))
+# Prior standard deviations of a plane and of a curved trend: value in spacings, slope, curvature in
+# 1/spacing. Wide for the first two, which two contacts determine.
+_PLANE = prior_variances(value=30.0, slope=2.0, curvature=0.0)
+_CURVED = prior_variances(value=30.0, slope=2.0, curvature=0.5)
 
-# Prior standard deviations of the trend: value in spacings, slope, curvature in 1/spacing. Wide for
-# the first two, which two contacts determine.
-_TREND = prior_variances(value=30.0, slope=2.0, curvature=0.5)
+# Standard deviations of the residual that are tried, in spacings: from none to that of no trend.
+_AMPLITUDES = tuple(np.geomspace(0.003, 1.0, 5))
+
+
+class PatchPrior(NamedTuple):
+    """What is assumed of a patch before its contacts."""
+
+    trend: FloatArray  # (10,) prior variances of its coefficients
+    amplitude: float  # standard deviation of g, in spacings
+
+
+_PRIORS = (
+    PatchPrior(_PLANE, min(_AMPLITUDES)),
+    *(PatchPrior(_CURVED, amplitude) for amplitude in _AMPLITUDES),
+)
 
 # Contacts of a patch that its hyperparameters are fitted to.
 _SAMPLE = 100
@@ -118,7 +133,7 @@ class PatchContacts:
         return PatchEquations(
             nodes=nodes,
             design=design,
-            trend=(design * _TREND) @ design.T,
+            curved=(design * _CURVED) @ design.T,
             residual=self.residual[rows[:, None], rows],
             targets=targets.ravel(),
             variances=self.variances[members].ravel(),
@@ -145,7 +160,7 @@ def _variances(noise: tuple[FloatArray, FloatArray], spacing: float) -> FloatArr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchEquations:
-    """The equations of one smooth patch through some contacts, before its amplitude.
+    """The equations of one smooth patch through some contacts, before its prior.
 
     f = quadric + a g, with a normal prior on the quadric's coefficients and a Gaussian process g:
     regression with explicit basis functions (O'Hagan 1978; Rasmussen and Williams 2006, section
@@ -154,26 +169,33 @@ class PatchEquations:
 
     nodes: FloatArray  # (M, 3), relative to their centroid
     design: FloatArray  # (4M, 10), maps the trend's coefficients to values and slopes at nodes
-    trend: FloatArray  # (4M, 4M) prior covariance of the trend
+    curved: FloatArray  # (4M, 4M) prior covariance of a curved trend
     residual: FloatArray  # (4M, 4M) prior covariance of g
     targets: FloatArray  # (4M,)
     variances: FloatArray  # (4M,) of the targets' noise
 
     def log_evidence(self) -> float:
-        """Return the logarithm of the marginal likelihood, averaged over amplitudes."""
-        logs = [self._log_likelihood(a) for a in AMPLITUDES]
+        """Return the logarithm of the marginal likelihood, averaged over priors."""
+        logs = [self._log_likelihood(prior) for prior in self._priors()]
         return float(np.logaddexp.reduce(logs) - np.log(len(logs)))
 
-    def likeliest_amplitude(self) -> float:
-        """Return the amplitude of largest marginal likelihood."""
-        return max(AMPLITUDES, key=self._log_likelihood)
+    def likeliest_prior(self) -> PatchPrior:
+        """Return the prior of largest marginal likelihood."""
+        return max(self._priors(), key=self._log_likelihood)
 
-    def factor(self, amplitude: float) -> FloatArray:
+    def factor(self, prior: PatchPrior) -> FloatArray:
         """Return the lower Cholesky factor of the covariance of targets, (4M, 4M)."""
-        return factorize(self.trend + amplitude**2 * self.residual, self.variances)
+        of_plane = prior.trend is _PLANE
+        trend = (self.design * _PLANE) @ self.design.T if of_plane else self.curved
+        return factorize(trend + prior.amplitude**2 * self.residual, self.variances)
 
-    def _log_likelihood(self, amplitude: float) -> float:
-        return log_likelihood(self.factor(amplitude), self.targets)
+    def _priors(self) -> Sequence[PatchPrior]:
+        """Return the priors that are compared: no plane of normals that face two ways."""
+        normals = self.targets.reshape(-1, ROWS)[:, 1:]
+        return _PRIORS if (normals @ normals.sum(axis=0) > 0.0).all() else _PRIORS[1:]
+
+    def _log_likelihood(self, prior: PatchPrior) -> float:
+        return log_likelihood(self.factor(prior), self.targets)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -182,7 +204,7 @@ class Patch:
 
     spacing: float  # of the contacts [m], its unit of length
     center: FloatArray  # (3,) [m], centroid of its contacts
-    amplitude: float  # standard deviation of g, in spacings
+    prior: PatchPrior
     coefficients: FloatArray  # (10,) of the trend, in spacings
     residual: KernelExpansion  # in spacings
     _design: FloatArray  # (4M, 10)
@@ -190,24 +212,24 @@ class Patch:
 
     @classmethod
     def fit(
-        cls, contacts: PatchContacts, members: IndexArray, amplitude: float | None = None
+        cls, contacts: PatchContacts, members: IndexArray, prior: PatchPrior | None = None
     ) -> Patch:
-        """Condition a patch on some contacts, (M,). The amplitude defaults to the likeliest."""
+        """Condition a patch on some contacts, (M,). The prior defaults to the likeliest."""
         equations = contacts.equations(members)
-        if amplitude is None:
+        if prior is None:
             some = contacts.central(members)
             subset = equations if some is members else contacts.equations(some)
-            amplitude = subset.likeliest_amplitude()
-        factor = equations.factor(amplitude)
+            prior = subset.likeliest_prior()
+        factor = equations.factor(prior)
         weights, _ = dpotrs(factor, equations.targets, lower=1)
         expansion = KernelExpansion(
-            _KERNEL, equations.nodes, amplitude**2 * weights.reshape(-1, ROWS)
+            _KERNEL, equations.nodes, prior.amplitude**2 * weights.reshape(-1, ROWS)
         )
         return cls(
             spacing=contacts.spacing,
             center=contacts.spacing * contacts.points[members].mean(axis=0),
-            amplitude=amplitude,
-            coefficients=_TREND * (equations.design.T @ weights),
+            prior=prior,
+            coefficients=prior.trend * (equations.design.T @ weights),
             residual=expansion,
             _design=equations.design,
             _factor=factor,
@@ -231,11 +253,12 @@ class Patch:
         """Return the posterior variance at points (P, 3) [m], shape (P,) [m^2]."""
         scaled = (points - self.center) / self.spacing
         rows = value_rows(scaled)
-        cross = (rows * _TREND) @ self._design.T
-        cross += self.amplitude**2 * cross_covariance(_KERNEL, scaled, self.residual.nodes)
+        trend, residual = self.prior.trend, self.prior.amplitude**2
+        cross = (rows * trend) @ self._design.T
+        cross += residual * cross_covariance(_KERNEL, scaled, self.residual.nodes)
         solved = solve_triangular(self._factor, cross.T, lower=True, check_finite=False)
-        prior = self.amplitude**2 + rows**2 @ _TREND
-        variances = np.maximum(prior - np.einsum("np,np->p", solved, solved), 0.0)
+        before = residual + rows**2 @ trend
+        variances = np.maximum(before - np.einsum("np,np->p", solved, solved), 0.0)
         return np.asarray(self.spacing**2 * variances)
 
 

@@ -7,9 +7,11 @@ curvature changes slowly. Across an edge it is 0 only if both contacts are by ch
 from it. One pair does not distinguish a bend from an edge; all pairs between two groups of contacts
 nearly always do.
 
-Then every patch is a Gaussian process of its own. Two neighbouring patches are one if one process
-explains the contacts of both better than two do: its marginal likelihood is larger than the product
-of theirs (Bayes factor; Kass and Raftery 1995).
+Then every patch is a plane or a Gaussian process. Bends through few noisy contacts hide edges: a
+patch is divided where planes, of contacts that agree within their noise, explain it better. Two
+patches that are neighbours or on one plane are one if one explains the contacts of both better than
+two do: its marginal likelihood is larger than the product of theirs (Bayes factor; Kass and Raftery
+1995).
 """
 
 from __future__ import annotations
@@ -17,7 +19,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import squareform
 
 from lis_grasp.surfaces._patch import PatchContacts
 from lis_grasp.surfaces.contact_places import SMALLEST
@@ -42,6 +46,12 @@ _PRIOR_SLOPE = 12.0 / np.pi
 # Normals that differ by more give no evidence of a common arc: contacts placed symmetrically about
 # an edge have no asymmetry either. Patches that this leaves apart may still merge by evidence.
 _MAX_BEND = np.deg2rad(60.0)
+
+# Standard deviations by which two contacts on one plane may differ.
+_ON_PLANE = 3.0
+
+# Contacts on one plane that show that an object has faces: any fewer are on some plane.
+_FACE = 4
 
 # Contacts of a patch that are compared across a border, those nearest to the other patch.
 _COMPARED = 24
@@ -170,8 +180,9 @@ def segment(contacts: PatchContacts, pairs: ContactPairs) -> tuple[IndexArray, f
 
     Patches are numbered by their first contacts.
     """
-    evidence = _Evidence(contacts)
-    patch_of = _merge(cluster_pairs(pairs, *contacts.noise), pairs, evidence)
+    evidence = _Evidence(contacts, _planes(contacts))
+    patch_of = _divide(cluster_pairs(pairs, *contacts.noise), evidence)
+    patch_of = _merge(patch_of, pairs, evidence)
     members = (np.flatnonzero(patch_of == p) for p in range(int(patch_of.max()) + 1))
     return patch_of, sum(evidence.of(contacts.central(patch)) for patch in members)
 
@@ -181,6 +192,7 @@ class _Evidence:
     """Log marginal likelihoods of sets of contacts as one patch each, remembered."""
 
     contacts: PatchContacts
+    planes: IndexArray  # (N,) see `_planes`
     _known: dict[bytes, float] = field(default_factory=dict)
 
     def of(self, members: IndexArray) -> float:
@@ -191,7 +203,15 @@ class _Evidence:
         return self._known[key]
 
     def of_union(self, first: IndexArray, second: IndexArray) -> float:
-        """Return the log Bayes factor of one patch against two."""
+        """Return the log Bayes factor of one patch against two.
+
+        It is -inf for two lone contacts that differ by more than a bend shows, on an object that
+        has faces: these are two more of them.
+        """
+        if len(first) == len(second) == 1 and np.bincount(self.planes).max() >= _FACE:
+            normals = self.contacts.normals
+            if normals[first[0]] @ normals[second[0]] < np.cos(_MAX_BEND):
+                return -np.inf
         near_first, near_second = self._nearest(first, second), self._nearest(second, first)
         union = np.sort(np.concatenate([near_first, near_second]))
         return self.of(union) - self.of(near_first) - self.of(near_second)
@@ -204,11 +224,53 @@ class _Evidence:
         return np.sort(members[np.argsort(distances, kind="stable")[:_COMPARED]])
 
 
+def _planes(contacts: PatchContacts) -> IndexArray:
+    """Return the plane of each contact, (N,): any two contacts on it agree within their noise.
+
+    Each is level with the other's tangent plane, and their normals are parallel. No plane has two
+    contacts that do not agree (complete linkage).
+    """
+    points, normals = contacts.points, contacts.normals
+    if len(points) < 2:
+        return np.zeros(len(points), dtype=np.intp)
+    position, turn = contacts.variances[:, :2].T
+    offsets = points - points[:, None]  # (N, N, 3), from each contact to each
+    squares = np.einsum("ijk,ijk->ij", offsets, offsets)
+    heights = np.einsum("ijk,ik->ij", offsets, normals) ** 2
+    heights /= position + position[:, None] + turn[:, None] * squares
+    bends = np.arccos(np.clip(normals @ normals.T, -1.0, 1.0)) ** 2
+    bends /= turn + turn[:, None]
+    apart = np.sqrt(np.maximum(np.maximum(heights, heights.T), bends))
+    tree = linkage(squareform(apart, checks=False), "complete")
+    return np.asarray(fcluster(tree, _ON_PLANE, "distance") - 1, dtype=np.intp)
+
+
+def _divide(patch_of: IndexArray, evidence: _Evidence) -> IndexArray:
+    """Divide each patch into its parts on planes where these are likelier than it."""
+    divided, planes = patch_of.copy(), evidence.planes
+    for patch in range(int(patch_of.max()) + 1):
+        members = np.flatnonzero(patch_of == patch)
+        parts = [members[planes[members] == plane] for plane in np.unique(planes[members])]
+        if len(parts) > 1:
+            central = evidence.contacts.central(members)
+            whole = evidence.of(central) * len(members) / len(central)
+            if sum(evidence.of(part) for part in parts) > whole:
+                divided[members] = divided.max() + 1 + planes[members]
+    return np.unique(divided, return_inverse=True)[1].astype(np.intp)
+
+
 def _merge(patch_of: IndexArray, pairs: ContactPairs, evidence: _Evidence) -> IndexArray:
-    """Merge neighbouring patches, the likeliest first, while one is likelier than two."""
+    """Merge patches that are neighbours or share a plane, the likeliest first.
+
+    That ends when two are likelier than one.
+    """
     members = {p: np.flatnonzero(patch_of == p) for p in range(int(patch_of.max()) + 1)}
-    low = np.minimum(patch_of[pairs.first], patch_of[pairs.second])
-    high = np.maximum(patch_of[pairs.first], patch_of[pairs.second])
+    order = np.argsort(evidence.planes, kind="stable")
+    level = np.diff(evidence.planes[order]) == 0
+    first = np.concatenate([pairs.first, order[:-1][level]])
+    second = np.concatenate([pairs.second, order[1:][level]])
+    low = np.minimum(patch_of[first], patch_of[second])
+    high = np.maximum(patch_of[first], patch_of[second])
     gains = {
         (int(a), int(b)): evidence.of_union(members[a], members[b])
         for a, b in np.unique(np.column_stack([low, high])[low < high], axis=0)

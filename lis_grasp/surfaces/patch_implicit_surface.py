@@ -13,7 +13,7 @@ from lis_grasp.exceptions import EstimationError
 from lis_grasp.guesses import with_advice
 from lis_grasp.records import short_repr
 from lis_grasp.surfaces._kernel_mean import LEAST_WEIGHT, KernelMean, density_weights
-from lis_grasp.surfaces._patch import JoinedPatches, Patch, PatchContacts
+from lis_grasp.surfaces._patch import JoinedPatches, Patch, PatchContacts, PatchPrior
 from lis_grasp.surfaces._patch_csg import (
     EdgePairs,
     Expression,
@@ -119,7 +119,7 @@ class PatchImplicitSurface(BlockwiseSurface):
     def without(self, left_out: BoolArray) -> PatchImplicitSurface:
         """Return the estimate without some contacts, (N,), with the same segmentation and noise.
 
-        Each contact keeps its patch, each patch its amplitude, and lengths stay in proportion to
+        Each contact keeps its patch, each patch its prior, and lengths stay in proportion to
         the spacing of all contacts.
         """
         kept = np.flatnonzero(~left_out)
@@ -128,8 +128,8 @@ class PatchImplicitSurface(BlockwiseSurface):
         noise = self.position_noise[kept], self.normal_noise[kept]
         known = PatchContacts.of(points, normals, self.spacing, noise)
         pairs = ContactPairs.within(points, normals, self.spacing)
-        amplitudes = [self.patches[p].amplitude for p in left]
-        return self._join(points, known, patch_of, pairs, amplitudes, self.bounds)
+        priors = [self.patches[p].prior for p in left]
+        return self._join(points, known, patch_of, pairs, priors, self.bounds)
 
     @classmethod
     def _join(
@@ -138,14 +138,14 @@ class PatchImplicitSurface(BlockwiseSurface):
         contacts: PatchContacts,
         patch_of: IndexArray,
         pairs: ContactPairs,
-        amplitudes: list[float] | list[None],
+        priors: list[PatchPrior] | list[None],
         bounds: FloatArray,
     ) -> PatchImplicitSurface:
         """Fit the patches and join them by CSG expressions; the contacts are at points [m]."""
         spacing = contacts.spacing
         patches = [
-            Patch.fit(contacts, np.flatnonzero(patch_of == number), amplitude)
-            for number, amplitude in enumerate(amplitudes)
+            Patch.fit(contacts, np.flatnonzero(patch_of == number), prior)
+            for number, prior in enumerate(priors)
         ]
         edges = EdgePairs.of(pairs, patch_of, spacing)
         joined = JoinedPatches.of(patches)
