@@ -28,6 +28,7 @@ def pace_of(direction: FloatArray, outcomes: Sequence[ProbeOutcome]) -> Pace:
         outcome.resisted
         for outcome in outcomes
         if outcome.resisted is not None
+        and len(outcome.contacts)
         and (is_steep or _pushes_along(outcome, direction[:2] / level))
     }
     if not answers:

@@ -62,6 +62,11 @@ def test_a_touch_from_above_says_nothing_of_level_pushes() -> None:
     assert pace_of(X, [touched(DOWN, True)]) == "tested"
 
 
+def test_a_touch_whose_contact_was_dropped_says_nothing() -> None:
+    probe = Probe(np.zeros(3), X, 0.02, 0.02)
+    assert pace_of(X, [ProbeOutcome(probe, "blocked", resisted=True)]) == "tested"
+
+
 def test_a_passed_way_ends_its_margin_before_the_touch() -> None:
     way = PassedWay(make_pose(np.eye(3), [0.3, 0.0, 0.1]), margin=0.012)
     start = make_pose(np.eye(3), [0.1, 0.0, 0.1])
