@@ -80,7 +80,8 @@ def test_after_a_loss_only_contacts_have_an_error() -> None:
 
 @pytest.mark.slow
 def test_an_object_that_was_knocked_away_is_found_on_its_map() -> None:
-    config = RunConfig("box", **{**UNKNOWN, "free": True}, mass=0.05, touches=20, seed=13)
+    # Turned by 180 degrees a box would fit as well; the mallet does not.
+    config = RunConfig("mallet", **{**UNKNOWN, "free": True}, mass=0.05, touches=20, seed=13)
     scenario = Scenario.from_config(config)
     prober, knocked = make_prober(scenario), False
     for state in touch_steps(scenario, prober):

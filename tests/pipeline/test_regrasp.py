@@ -347,7 +347,7 @@ def test_a_correct_estimate_passes_the_tactile_check_at_once() -> None:
 @pytest.mark.slow
 def test_contacts_of_aborted_grasps_correct_a_displaced_estimate() -> None:
     # The contacts are 30 mm off, so that the hand collides with the true box.
-    aside, seeds = np.array([0.0, 0.03, 0.0]), (2, 3, 5)  # with others one attempt is lucky
+    aside, seeds = np.array([0.03, 0.0, 0.0]), (0, 1, 2)
     assert not any(_holds(_attempts(aside, 1, seed)) for seed in seeds)
     assert sum(_holds(_attempts(aside, 1, seed, closings=5)) for seed in seeds) >= 2
     runs = [_attempts(aside, 3, seed) for seed in seeds]
@@ -366,11 +366,9 @@ def test_contacts_of_aborted_grasps_correct_a_displaced_estimate() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("motion", "lost"), [((0.008, -0.006, 0.1), False), ((0.12, 0.05, 0.9), True)]
-)
-def test_a_displaced_object_is_found_again_by_touch(motion: tuple[float, ...], lost: bool) -> None:
-    config = RunConfig("box", hand="allegro", region=[0.5, 0.5, 0.3], pose="stable", seed=1)
+@pytest.mark.parametrize("motion", [(0.008, -0.006, 0.1), (0.12, 0.05, 0.9)])
+def test_a_displaced_object_is_found_again_by_touch(motion: tuple[float, ...]) -> None:
+    config = RunConfig("box", hand="allegro", region=[0.5, 0.5, 0.3], pose="stable", seed=5)
     scenario = Scenario.from_config(config)
     mesh, X_EO = scenario.truth.shape.mesh, planar_pose(np.array(motion))
     points, faces = trimesh.sample.sample_surface(mesh, 20, seed=0)

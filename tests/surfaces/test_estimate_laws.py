@@ -86,10 +86,12 @@ def test_more_true_contacts_near_others_lower_the_expected_error() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["far", "random", "near"])
-def test_more_true_contacts_lower_the_expected_error_of_many_sets(kind: str) -> None:
+def test_more_true_contacts_lower_the_error_of_most_sets(kind: str) -> None:
+    # The mean is that of few sets: exact contacts of flat faces have errors from 0.1 to 10 mm. More
+    # than half are lower at two standard deviations of a fair coin's frequency.
     ratios = [log_ratio_of_errors(name, kind, seed) for name in NAMES for seed in range(1, 9)]
-    mean, error = np.mean(ratios), np.std(ratios) / np.sqrt(len(ratios))
-    assert mean + 2.0 * error < 0.0, (mean, error)
+    lower = np.mean(np.array(ratios) < 0.0)
+    assert lower > 0.5 + 1.0 / np.sqrt(len(ratios)), (lower, np.round(ratios, 2))
 
 
 def touched(name: str, count: int = 24, seed: int = 0) -> Contacts:
