@@ -24,8 +24,7 @@ _SAME_WAY, _SAME_TURN = 0.005, 0.05
 ProbeStatus = Literal["touched", "missed", "blocked"]
 ProbePurpose = Literal["search", "extent", "repeat", "policy"]
 Pace = Literal["gentle", "tested", "quick"]
-"""How a hand touches what may move: gently; gently, and then it rests to feel whether the object
-resists; or quickly, where the object resisted before."""
+"""Gently; gently, then at rest to feel whether the object resists; or quickly, as it did."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,9 +74,9 @@ class Probe(Record):
         What it is for: to find the object, or its ends, to repeat an earlier touch of an object
         that may move, or what the policy wants.
     passed
-        Way of an earlier probe that this one repeats, on which the hand need not be slow.
+        Way of an earlier probe that this one repeats.
     pace
-        How the hand touches an object that may move; see `Pace`.
+        How to touch an object that may move; see `Pace`.
 
     Raises
     ------
