@@ -23,7 +23,7 @@ from lis_grasp.typing import FloatArray
 _CONTRADICTION, _FAR, _LARGE_MOTION = 5.0, 0.003, (0.015, 0.015, 0.3)
 # A landmark's probe begins this far before its contact when it is repeated [m].
 _BEFORE_AGAIN = 0.03
-# The hand is slow from this far before it on, and two standard deviations of the pose [m].
+# The hand is slow from this far before it, plus two standard deviations of the pose [m].
 _SLOW_AGAIN = 0.012
 # From this many standard deviations on, it is suspicious: a known place is probed again.
 _SUSPICIOUS = 2.0

@@ -57,10 +57,10 @@ def measure_placings(trial: SaltedTrial, estimator: str) -> list[Row]:
             )
             for name in _SIMULATORS
         }
-        grasps = _planned(scenarios[_SIMULATORS[0]], mesh)  # the plan knows no simulator
+        grasp = _planned(scenarios[_SIMULATORS[0]], mesh)  # the plan knows no simulator
         for name, scenario in scenarios.items():
             row = {"goal": goal, "simulator": name, "held": False, "placed": False}
-            end = grasps if isinstance(grasps, dict) else _put_down(scenario, grasps, mesh)
+            end = grasp if isinstance(grasp, dict) else _put_down(scenario, grasp, mesh)
             rows.append(facts | row | end)
     return rows
 

@@ -48,9 +48,9 @@ GRAZED = "a link grazed the object below the force threshold"
 class DynamicProber:
     """Probes with the whole hand in Drake; every link can touch.
 
-    The hand moves along the probe's direction at 0.1 m/s, one finger extended in its probe posture,
-    the joints under PD control. The motion is simulated from 0.5 mm before the first contact until
-    a contact's normal force exceeds the threshold.
+    The hand moves along the probe's direction at its pace, one finger extended in its probe
+    posture, the joints under PD control. The motion is simulated from 0.5 mm before the first
+    contact until a contact's normal force exceeds the threshold.
 
     Contact is Drake's hydroelastic one with the exact mesh. A contact is the area-weighted centroid
     and normal of its patch; a patch across an edge counts as two.
