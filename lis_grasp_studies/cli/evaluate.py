@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         type=Path,
         metavar="CONFIG.yaml",
-        help="what to measure (default: the published numbers, half a day on two cores)",
+        help="what to measure (default: the published numbers, three hours on two cores)",
     )
     parser.add_argument(
         "--quick", action="store_true", help="every table, from few objects and seeds"

@@ -67,9 +67,7 @@ class Configuration(BaseModel):
         What cannot be run is left out: mesh files that are nowhere, hands whose models are not
         installed, another version without a folder. Without places, nothing is.
         """
-        rounds = [
-            [[]] * part.first + part.rounds(places or _EVERYWHERE) for part in self.parts.values()
-        ]
+        rounds = [part.rounds(places or _EVERYWHERE) for part in self.parts.values()]
         for of_parts in zip_longest(*rounds, fillvalue=()):
             for (name, part), trials in zip(self.parts.items(), of_parts, strict=True):
                 for trial in trials:

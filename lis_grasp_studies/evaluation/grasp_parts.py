@@ -56,6 +56,8 @@ class GraspTrial:
     budgets: str
     """Numbers of touches, from small to large, joined by spaces: after "20", the best grasp is
     lifted as planned; "20x3" permits three attempts, whose grasps are tested first, as in a run."""
+    tested: tuple[str, ...]
+    """Estimators whose grasps are tested; those of the others are lifted as planned only."""
 
     def facts(self) -> Row:
         """Return the columns that identify the trial."""
@@ -69,6 +71,8 @@ def measure_grasps(task: GraspTrial, estimator: str) -> list[Row]:
     rows: list[Row] = []
     for budget in task.budgets.split():
         touches, _, attempts = budget.partition("x")
+        if attempts and estimator not in task.tested:
+            continue
         setup = task.trial.setup
         if attempts:
             setup = replace(setup, attempts=int(attempts), closings=option_default("closings"))
@@ -87,6 +91,9 @@ class LiftsPart(Part):
     """By groups, such as families."""
     hands: list[dict[str, int]] = Field(min_length=1)
     """The hands of each round with their seeds."""
+    turns: bool = False
+    """Whether an object is lifted by one of the hands: they take turns from object to object, and
+    change places with the next round."""
     noise: str
     touches: int = 1
     known: bool = False
@@ -95,15 +102,21 @@ class LiftsPart(Part):
     def rounds(self, places: Places) -> list[list[Any]]:
         """Return the trials of each round: hands in turn, objects of all groups in turn."""
         setup = Setup() if self.known else _UNKNOWN
-        names = places.find([name for _, name in interleaved(self.objects)])
+        names = [name for _, name in interleaved(self.objects)]
         return [
             [
-                self.trial(Trial(name, hand, self.touches, self.noise, seed, setup))
-                for name in names
-                for hand, seed in hands.items()
+                self.trial(Trial(found, hand, self.touches, self.noise, seed, setup))
+                for turn, name in enumerate(names, start=number)
+                for found in places.find([name])
+                for hand, seed in self._hands_of(turn, hands)
             ]
-            for hands in self.hands
+            for number, hands in enumerate(self.hands)
         ]
+
+    def _hands_of(self, turn: int, hands: dict[str, int]) -> list[tuple[str, int]]:
+        """Return the hands that lift an object, with their seeds."""
+        every = list(hands.items())
+        return [every[turn % len(every)]] if self.turns else every
 
     def trial(self, trial: Trial) -> Any:
         """Return the trial of the experiment for a study's trial."""
@@ -115,11 +128,12 @@ class GraspsPart(LiftsPart):
 
     measure: Literal["grasps"]
     budgets: str
+    tested: list[str] = Field(default_factory=list)
     experiment: ClassVar[Experiment] = GRASPS
 
     def trial(self, trial: Trial) -> GraspTrial:
         """Return the trial with all budgets."""
-        return GraspTrial(trial, self.budgets)
+        return GraspTrial(trial, self.budgets, tuple(self.tested))
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return the rates by family, lost objects, ways to grasp, attempts, calibration, times."""

@@ -45,8 +45,6 @@ class Part(BaseModel):
     variants: list[str] = Field(min_length=1)
     seconds: float = Field(gt=0.0)
     """Expected time of a job on one core, for all variants, until there are rows [s]."""
-    first: int = Field(default=0, ge=0)
-    """Round of the evaluation in which the part begins."""
 
     experiment: ClassVar[Experiment]
 
