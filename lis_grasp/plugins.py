@@ -1,8 +1,9 @@
-"""Registry of what users can plug in by name: estimators, exploration policies, hands and verbs.
+"""Registry of what users can plug in by name: estimators, policies, planners, hands and verbs.
 
 A name is one of the package's own, one that an installed package registers as an entry point of
-the group ``lis_grasp.estimators``, ``lis_grasp.policies``, ``lis_grasp.hands`` or
-``lis_grasp.verbs``, or ``my.module:Class``, which is imported; the current folder is searched too.
+the group ``lis_grasp.estimators``, ``lis_grasp.policies``, ``lis_grasp.planners``,
+``lis_grasp.hands`` or ``lis_grasp.verbs``, or ``my.module:Class``, which is imported; the current
+folder is searched too.
 """
 
 from __future__ import annotations
@@ -23,11 +24,12 @@ from typing import Any, Literal
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, PluginError
 from lis_grasp.io.provenance import digest_of
 
-Role = Literal["estimator", "policy", "hand", "verb"]
+Role = Literal["estimator", "policy", "planner", "hand", "verb"]
 
 _GROUPS = {
     "estimator": "lis_grasp.estimators",
     "policy": "lis_grasp.policies",
+    "planner": "lis_grasp.planners",
     "hand": "lis_grasp.hands",
     "verb": "lis_grasp.verbs",
 }

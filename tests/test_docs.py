@@ -22,6 +22,7 @@ GUIDES = (
     "own-objects",
     "own-estimator",
     "own-policy",
+    "own-planner",
     "own-diagram",
     "arm",
     "real-robot",
@@ -71,6 +72,7 @@ def test_blocks_of_a_guide_run(
     guide: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))  # blocks import the files of others
     assert _run_page(DOCS / "how-to" / f"{guide}.md", tmp_path, capsys) >= 2
 
 

@@ -15,10 +15,11 @@ import trimesh
 from scipy.special import ndtr
 
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
-from lis_grasp.geometry import rotate
+from lis_grasp.geometry import as_pose, rotate
 from lis_grasp.grasping._antipodal_sampling import AT_RIMS, NARROW, USUAL, sample_contact_sets
 from lis_grasp.grasping._candidate_filter import CandidateFilter, lowest_contact
 from lis_grasp.grasping._contact_samples import SurfaceSamples
+from lis_grasp.grasping._posed_contacts import contact_sets_at
 from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasp_quality import GraspScorer
 from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
@@ -157,19 +158,8 @@ class ForceClosureSampler:
         lowest = -np.inf if support_height is None else support_height + lowest_contact(self.hand)
         tip = min(pad.radius for pad in self.hand.pads)
         samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, pad_radius=tip)
-        candidate_filter = CandidateFilter(
-            self.hand,
-            mesh,
-            support_height=support_height,
-            reach=self.station,
-            surroundings=self.surroundings,
-            lifts=self.lifts,
-            margin=self.margin,
-        )
-        scorer = GraspScorer(
-            self.hand, mesh, prior=self.prior, rng=rng, support_height=support_height
-        )
-        search = _Search(self.hand, samples, candidate_filter, scorer, rng)
+        judges = self._judges(mesh, rng, support_height)
+        search = _Search(self.hand, samples, *judges, rng)
         search.draw_enough(self.candidates, count)
         first, poor = search.grasps, search.drawn >= self.candidates  # few are robust
         if first is None or len(first) < count or (poor and _ranks(first).max() < _LIKELY):
@@ -183,6 +173,99 @@ class ForceClosureSampler:
                 search.draw_enough(search.drawn + self.candidates // 4, count)
         search.refine(count)
         return search.result()
+
+    @underflows
+    def at(
+        self,
+        mesh: trimesh.Trimesh,
+        poses: Any,
+        joints: npt.ArrayLike | None = None,
+        *,
+        rng: Seed = 0,
+        support_height: float | None = None,
+    ) -> GraspSearch:
+        """Return the ranked grasps that the hand makes in postures of another planner.
+
+        Contacts, forces and qualities are found and checked as by `sample`; palm and joints move
+        as little as the contacts need. Each pose has the best of its grasps, or none; the reasons
+        are counted.
+
+        Parameters
+        ----------
+        poses
+            Poses of the palm frame H in O, shape (4, 4) or (N, 4, 4).
+        joints
+            Joint positions (J,) or (N, J) [rad or m], in contact or up to 15 mm off it, in the
+            order of `Hand.joint_names`. None closes each pregrasp along the axes of its pads, as
+            the jaws of a gripper do.
+
+        Raises
+        ------
+        InvalidMeshError
+            As `sample` does, where the other arguments are explained.
+        InvalidOptionError
+            If poses or joints are not finite numbers of that shape.
+
+        Examples
+        --------
+        >>> sampler, mesh = ForceClosureSampler(Hand.load("wsg50")), shapes.find("box").mesh
+        >>> best = sampler.sample(mesh, count=1).best
+        >>> np.allclose(sampler.at(mesh, best.pose).best.pose, best.pose, atol=0.002)
+        True
+        """
+        require_closed(mesh)
+        places, postures = _require_postures(self.hand, poses, joints)
+        judges = self._judges(mesh, np.random.default_rng(rng), support_height)
+        of_pose, sets = contact_sets_at(self.hand, mesh, places, postures)
+        kept, grasps = _scored(*judges, sets)
+        best = _best_of_each(of_pose[kept], _ranks(grasps), most=1)
+        rejected = Counter(
+            no_surface_for_a_finger=len(places) - len(set(of_pose)),
+            outranked=len(kept) - len(best),
+        )
+        return _result(*judges, grasps.subset(best), rejected, len(places))
+
+    def _judges(
+        self, mesh: trimesh.Trimesh, rng: np.random.Generator, support_height: float | None
+    ) -> tuple[CandidateFilter, GraspScorer]:
+        """Return what rejects contact sets on a mesh, and what ranks their grasps."""
+        candidate_filter = CandidateFilter(
+            self.hand,
+            mesh,
+            support_height=support_height,
+            reach=self.station,
+            surroundings=self.surroundings,
+            lifts=self.lifts,
+            margin=self.margin,
+        )
+        scorer = GraspScorer(
+            self.hand, mesh, prior=self.prior, rng=rng, support_height=support_height
+        )
+        return candidate_filter, scorer
+
+
+def _require_postures(
+    hand: Hand, poses: Any, joints: npt.ArrayLike | None
+) -> tuple[FloatArray, FloatArray | None]:
+    """Return palm poses (N, 4, 4), and joint positions (N, J) if there are any."""
+    several = isinstance(poses, Sequence) or np.ndim(poses) == 3
+    places = np.array([as_pose(X_OH) for X_OH in (poses if several else [poses])])
+    if places.shape[1:] != (4, 4) or not np.isfinite(places).all():
+        raise InvalidOptionError(
+            "poses must be finite poses (N, 4, 4) of the palm in the object's frame;"
+            f" they have the shape {places.shape}",
+            option="poses",
+        )
+    if joints is None:
+        return places, None
+    postures, shape = np.array(joints, dtype=np.float64, ndmin=2), (len(places), len(hand.lower))
+    if postures.shape != shape or not np.isfinite(postures).all():
+        raise InvalidOptionError(
+            f"joints must be {shape[1]} finite joint positions of '{hand.name}' for each of"
+            f" {shape[0]} poses; they have the shape {postures.shape}",
+            option="joints",
+        )
+    return places, postures
 
 
 @dataclass(slots=True)
@@ -254,29 +337,49 @@ class _Search:
 
     def result(self) -> GraspSearch:
         """Return the grasps, ranked by precise qualities, over the prior of the load."""
-        rejected = self.rejected + self.candidate_filter.rejected + self.scorer.rejected
-        grasps: list[Grasp] = []
-        if self.grasps is not None:
-            grasps = self.scorer.plan_forces(_sorted(self.scorer.predict_success(self.grasps)))
-        return GraspSearch(
-            tuple(grasps),
-            {reason: n for reason, n in sorted(rejected.items()) if n},
-            self.drawn,
-            dict(sorted(self.candidate_filter.hit_bodies.items())),
-        )
+        return _result(self.candidate_filter, self.scorer, self.grasps, self.rejected, self.drawn)
 
     def _scored(
         self, sets: GraspBatch, ranks: FloatArray | None = None
     ) -> tuple[IndexArray, GraspBatch]:
-        """Return the indices of the contact sets with a grasp, and their grasps.
+        return _scored(self.candidate_filter, self.scorer, sets, ranks)
 
-        Those that surely rank below given `ranks` (B,) may be left out.
-        """
-        kept, candidates = self.candidate_filter.solve_and_filter(sets)
-        assert candidates.clearance is not None
-        least = None if ranks is None else ranks[kept] / _apart(candidates.clearance)
-        closed, scored = self.scorer.score(candidates, least)
-        return kept[closed], scored
+
+def _scored(
+    candidate_filter: CandidateFilter,
+    scorer: GraspScorer,
+    sets: GraspBatch,
+    ranks: FloatArray | None = None,
+) -> tuple[IndexArray, GraspBatch]:
+    """Return the indices of the contact sets with a grasp, and their grasps.
+
+    Those that surely rank below given `ranks` (B,) may be left out.
+    """
+    kept, candidates = candidate_filter.solve_and_filter(sets)
+    assert candidates.clearance is not None
+    least = None if ranks is None else ranks[kept] / _apart(candidates.clearance)
+    closed, scored = scorer.score(candidates, least)
+    return kept[closed], scored
+
+
+def _result(
+    candidate_filter: CandidateFilter,
+    scorer: GraspScorer,
+    found: GraspBatch | None,
+    rejected: Counter[str],
+    candidates: int,
+) -> GraspSearch:
+    """Return the grasps, ranked by precise qualities, over the prior of the load."""
+    rejected = rejected + candidate_filter.rejected + scorer.rejected
+    grasps: list[Grasp] = []
+    if found is not None:
+        grasps = scorer.plan_forces(_sorted(scorer.predict_success(found)))
+    return GraspSearch(
+        tuple(grasps),
+        {reason: n for reason, n in sorted(rejected.items()) if n},
+        candidates,
+        dict(sorted(candidate_filter.hit_bodies.items())),
+    )
 
 
 def _ranks(grasps: GraspBatch) -> FloatArray:
@@ -294,11 +397,11 @@ def _apart(clearance: npt.ArrayLike) -> FloatArray:
     return np.asarray(ndtr(np.asarray(clearance) / _LINK_ERROR))
 
 
-def _best_of_each(parents: IndexArray, loads: FloatArray) -> IndexArray:
+def _best_of_each(parents: IndexArray, loads: FloatArray, most: int = _TRIED) -> IndexArray:
     """Return the few perturbations of each parent with the largest load above 0."""
     order = np.lexsort((-loads, parents))
     ranks = np.arange(len(order)) - np.searchsorted(parents[order], parents[order])
-    return np.sort(order[(ranks < _TRIED) & (loads[order] > 0.0)])
+    return np.sort(order[(ranks < most) & (loads[order] > 0.0)])
 
 
 def perturb_grasps(

@@ -12,9 +12,11 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
 from lis_grasp.exploration.policy import POLICY_NAMES
 from lis_grasp.exploration.workspace import Workspace
+from lis_grasp.grasping.samplers import PLANNER_NAMES
 from lis_grasp.io.schemas import checked
 from lis_grasp.io.yaml_files import read_yaml
 from lis_grasp.plugins import Registry
+from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import READY_HANDS
 from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES
 from lis_grasp_studies.benchmark.objects import FOLDER, digest_of_arrays, stored_objects
@@ -22,13 +24,14 @@ from lis_grasp_studies.benchmark.tracks import (
     Compared,
     HandsTrack,
     LiftsTrack,
+    PlannersTrack,
     PoliciesTrack,
     SurfacesTrack,
 )
 from lis_grasp_studies.evaluation.configuration import Configuration
 from lis_grasp_studies.evaluation.touched_shapes import HULL, TRUTH
 
-AnyTrack = SurfacesTrack | LiftsTrack | PoliciesTrack | HandsTrack
+AnyTrack = SurfacesTrack | LiftsTrack | PoliciesTrack | PlannersTrack | HandsTrack
 
 _YAML = (".yaml", ".yml")
 
@@ -91,10 +94,11 @@ class Protocol(BaseModel):
 
 
 def kind_of(name: str) -> Compared:
-    """Return what a name stands for: an estimator, a policy or a hand, by what it does.
+    """Return what a name stands for: an estimator, a policy, a planner or a hand, by what it does.
 
     Something at ``my.module:Class`` is an estimator if it makes an object with ``evaluate`` of
-    contacts, and a policy if it makes one with ``next_probe`` of a workspace.
+    contacts, a policy if it makes one with ``next_probe`` of a workspace, and a planner if it makes
+    one with ``sample`` of a hand.
 
     Raises
     ------
@@ -105,10 +109,13 @@ def kind_of(name: str) -> Compared:
         return "estimator"
     if name in POLICY_NAMES.names:
         return "policy"
+    if name in PLANNER_NAMES.names:
+        return "planner"
     if name in (*READY_HANDS, *_HAND_NAMES.names) or name.endswith(_YAML):
         return "hand"
     if ":" not in name:
-        choices = (*ESTIMATOR_NAMES.names, *POLICY_NAMES.names, *READY_HANDS, "my.module:Class")
+        own = (ESTIMATOR_NAMES, POLICY_NAMES, PLANNER_NAMES)
+        choices = (*(n for of in own for n in of.names), *READY_HANDS, "my.module:Class")
         raise InvalidOptionError.not_one_of("NAME", name, choices)
     return _kind_by_use(name)
 
@@ -121,8 +128,13 @@ def _kind_by_use(name: str) -> Compared:
     axes = np.vstack([np.eye(3), -np.eye(3)])
     contacts = Contacts(0.03 * axes, axes)
     space = Workspace(0.015, np.zeros(3), 0.06)
+    kinds: dict[str, Compared] = {
+        "evaluate": "estimator",
+        "next_probe": "policy",
+        "sample": "planner",
+    }
     reasons = []
-    for argument in (contacts, space):
+    for argument in (contacts, space, Hand.load("wsg50")):
         make = getattr(found, "from_contacts", found)
         try:
             made = make(argument)
@@ -131,14 +143,13 @@ def _kind_by_use(name: str) -> Compared:
                 raise  # a package that is not installed
             reasons.append(f"of {type(argument).__name__}: {type(error).__name__}: {error}")
             continue
-        if hasattr(made, "evaluate"):
-            return "estimator"
-        if hasattr(made, "next_probe"):
-            return "policy"
+        found_kinds = [kind for member, kind in kinds.items() if hasattr(made, member)]
+        if found_kinds:
+            return found_kinds[0]
         reasons.append(f"of {type(argument).__name__} it made a {type(made).__name__}")
     raise InvalidOptionError(
-        f"'{name}' must make an object with evaluate of Contacts, or one with next_probe of a"
-        f" Workspace; {'; '.join(reasons)}",
+        f"'{name}' must make an object with evaluate of Contacts, one with next_probe of a"
+        f" Workspace, or one with sample of a Hand; {'; '.join(reasons)}",
         option="NAME",
         value=name,
     )

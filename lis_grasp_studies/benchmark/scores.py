@@ -121,6 +121,7 @@ MEASURES: Mapping[str, tuple[Measure, ...]] = MappingProxyType(
     {
         "stored_tasks": _TASKS,
         "stored_lifts": _LIFTS,
+        "stored_planners": _LIFTS,
         "stored_hands": _LIFTS,
         "stored_policies": (
             Measure("touches until known", "", "lower", lambda row: float(row["touches"]), TOUCHES),

