@@ -150,7 +150,7 @@ def _readme_commands() -> list[str]:
 
 def test_readme_commands_parse() -> None:
     lines = _readme_commands()
-    assert len(lines) == 10
+    assert len(lines) == 8
     for line in lines:
         build_parser().parse_args(shlex.split(line, comments=True)[1:])
 

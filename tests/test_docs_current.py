@@ -41,7 +41,13 @@ _NUMBERS = (
     *("nineteen", "twenty"),
 )
 # Groups of entry points, in which other packages name their plug-ins.
-_ENTRY_POINTS = ("lis_grasp.estimators", "lis_grasp.policies", "lis_grasp.hands", "lis_grasp.verbs")
+_ENTRY_POINTS = (
+    "lis_grasp.estimators",
+    "lis_grasp.policies",
+    "lis_grasp.planners",
+    "lis_grasp.hands",
+    "lis_grasp.verbs",
+)
 
 
 @cache

@@ -26,7 +26,7 @@ from lis_grasp_studies.evaluation.grasp_tables import (
 )
 from lis_grasp_studies.evaluation.part import Part, Places, group_of, interleaved
 from lis_grasp_studies.evaluation.simulators import (
-    BOTH,
+    SIMULATIONS,
     agreements,
     difference_table,
     disagreements_table,
@@ -211,7 +211,7 @@ class SimulatorsPart(LiftsPart):
     """The best grasp of each estimator, lifted in Drake and in MuJoCo."""
 
     measure: Literal["simulators"]
-    experiment: ClassVar[Experiment] = BOTH
+    experiment: ClassVar[Experiment] = SIMULATIONS
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Return each disagreement, the rates and their differences."""

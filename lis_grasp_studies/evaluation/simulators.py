@@ -37,7 +37,7 @@ _KEY = ("object", "hand", "seed", "estimator")
 _PAIR = ("drake", "mujoco")
 
 
-def lift_in_both(trial: Trial, estimator: str) -> list[Row]:
+def lift_in_each(trial: Trial, estimator: str) -> list[Row]:
     """Touch, estimate and plan; return the outcome of the best grasp in each simulator."""
     no_lift: Row = {"held": False, "lifted": False, "reason": NO_GRASP}
     outcomes = dict.fromkeys(SIMULATORS, no_lift)
@@ -58,8 +58,8 @@ def lift_in_both(trial: Trial, estimator: str) -> list[Row]:
     return [{"simulator": name} | outcome for name, outcome in outcomes.items()]
 
 
-BOTH = Experiment("simulators", lift_in_both, columns_of, modules=(DRAKE,))
-"""All grasps in both simulators."""
+SIMULATIONS = Experiment("simulators", lift_in_each, columns_of, modules=(DRAKE,))
+"""All grasps in each simulator."""
 
 
 def agreements(rows: Sequence[Row], pair: Sequence[str] = _PAIR) -> tuple[int, int]:
@@ -89,7 +89,7 @@ def held_table(rows: Sequence[Row]) -> Table:
         *((_agree(pair), partial(agreement, pair=pair)) for pair in combinations(names, 2)),
     ]
     groups = {estimator_label(name): part for name, part in split(rows, "estimator").items()}
-    return grouped_table("simulators", "Held in both simulators", "planned on", groups, columns)
+    return grouped_table("simulators", "Held in each simulator", "planned on", groups, columns)
 
 
 def _agree(pair: tuple[str, str]) -> str:

@@ -11,7 +11,7 @@ import pytest
 
 from lis_grasp.io.json_lines import Row
 from lis_grasp_studies.contact_study.score import SURFACES
-from lis_grasp_studies.evaluation.simulators import BOTH
+from lis_grasp_studies.evaluation.simulators import SIMULATIONS
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.program import read_options
 from lis_grasp_studies.harness.tables import Table, grouped_table, mean_cell, split, where
@@ -62,7 +62,7 @@ def test_a_variant_whose_source_changed_is_measured_again(tmp_path: Path) -> Non
     assert len(file.read_text().splitlines()) == 3
 
 
-@pytest.mark.parametrize("experiment", [PAPER, SURFACES, BOTH])
+@pytest.mark.parametrize("experiment", [PAPER, SURFACES, SIMULATIONS])
 def test_other_processes_can_run_every_experiment(experiment: Experiment) -> None:
     assert pickle.loads(pickle.dumps(experiment.run)).__self__ == experiment  # noqa: S301
 

@@ -18,7 +18,7 @@ from matplotlib.text import Text
 from lis_grasp.io.json_lines import Row
 from lis_grasp.version import __version__
 from lis_grasp_studies.evaluation.simulators import (
-    BOTH,
+    SIMULATIONS,
     difference_table,
     disagreements_table,
     held_table,
@@ -346,6 +346,6 @@ def test_stored_rows_of_both_simulators_load(tmp_path: Path) -> None:
     header = {"results": "simulators", "version": "1.1.0"}
     lines = "".join(json.dumps(line) + "\n" for line in (header, *rows))  # as 1.4 published them
     (tmp_path / "simulators.jsonl").write_text(lines)
-    both = TrialResults(tmp_path / "simulators.jsonl", BOTH.kind).read(any_version=True)
-    assert BOTH.variant in both[0]
+    both = TrialResults(tmp_path / "simulators.jsonl", SIMULATIONS.kind).read(any_version=True)
+    assert SIMULATIONS.variant in both[0]
     assert len(held_table(both).body) == 3
