@@ -47,7 +47,7 @@ def fill_template(
 
     Fields are those of Python's format: ``{grasps[blend]:.0f}`` is a number of a part,
     ``{tables[lies.lies]:main | first 5}`` lines of a table (see `Table`), ``{state}`` the version
-    and the commits. Arguments as of `write_results`.
+    and the commits, ``{hours}`` those of one core. Arguments as of `write_results`.
 
     Raises `InvalidFileError` if the rows have no such number, table or line.
     """
@@ -56,7 +56,8 @@ def fill_template(
         for name, of in parts.items()
         for table in _tables(configuration.parts[name], of, earlier)
     }
-    fields = published_numbers(configuration, parts) | {"tables": tables, "state": state_of(parts)}
+    measured = {"tables": tables, "state": state_of(parts), "hours": hours_of(parts)}
+    fields = published_numbers(configuration, parts) | measured
     with reading(template, "text"):
         text = template.read_text(encoding="utf-8")
     try:
@@ -155,5 +156,9 @@ def _counts(rows: Sequence[Row]) -> str:
         for column, text in (("object", "objects"), ("hand", "hands"), ("seed", "seeds"))
         if column in rows[0]
     ]
-    hours = sum({(row["job_seconds"]) for row in rows}) / 3600.0
-    return f"{len(rows)} rows: {', '.join(counts)}; {hours:.2f} hours of jobs."
+    return f"{len(rows)} rows: {', '.join(counts)}; {hours_of({'': rows}):.2f} hours of jobs."
+
+
+def hours_of(parts: Mapping[str, Sequence[Row]]) -> float:
+    """Return the time of the jobs of some rows [h]; the rows of a job have the same."""
+    return sum({row["job_seconds"] for of in parts.values() for row in of}) / 3600.0
