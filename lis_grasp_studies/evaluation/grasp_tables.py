@@ -121,7 +121,7 @@ def attempts_table(rows: Sequence[Row]) -> Table:
         ("as planned", lambda pairs: held_text([other for _, other in pairs])),
         ("tested", lambda pairs: held_text([row for row, _ in pairs])),
         ("difference in points", lambda pairs: difference(pairs)),
-        ("grasps", lambda pairs: f"{np.mean([row['executed'] for row, _ in pairs]):.1f}"),
+        ("grasps", lambda pairs: f"{np.mean([row['executed'] or 0 for row, _ in pairs]):.1f}"),
     ]
     title = "Held as planned, and tested by touch in one or several attempts, in percent"
     return grouped_table("attempts", title, "estimator | attempts", groups, columns)

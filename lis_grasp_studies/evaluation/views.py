@@ -193,9 +193,9 @@ class ViewsPart(SeedsPart):
         return [views_table(rows)]
 
     def numbers(self, rows: Sequence[Row]) -> dict[str, float]:
-        """Return the shares held by variant and number of touches."""
+        """Return the percent held by variant and number of touches."""
         return {
-            f"{variant}_{touches}": float(np.mean([row["held"] for row in of]))
+            f"{variant} {touches}": 100.0 * float(np.mean([row["held"] for row in of]))
             for (variant, touches), of in _groups(rows).items()
         }
 

@@ -278,6 +278,9 @@ def test_rates_and_tables_are_those_counted_by_hand() -> None:
     (line,) = attempts_table([*rows, *more]).body
     assert line[:3] == ("blend", "1", "4")
     assert [line[3].split()[0], line[4].split()[0], line[5]] == ["75", "100", "+25.0"]
+    failed = [more[0] | {"held": False, "reason": "failed", "executed": None}, *more[1:]]
+    (line,) = attempts_table([*rows, *failed]).body
+    assert (line[4].split()[0], line[6]) == ("75", "0.8")  # nothing was executed in one of four
 
 
 def test_a_part_of_tested_grasps_alone_is_reported() -> None:
