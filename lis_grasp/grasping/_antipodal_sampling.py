@@ -108,9 +108,7 @@ def sample_contact_sets(
         used[[opposition.thumb, *chosen]], bent[chosen] = True, of_plane
         sets.append((points, normals, used, bent, R_OH))
     if not sets:
-        empty, unused = np.zeros((0, pads, 3)), np.zeros((0, pads), bool)
-        q = np.zeros((0, len(hand.joint_names)))
-        return GraspBatch(empty, empty, unused, np.zeros((0, 4, 4)), q), rejected
+        return GraspBatch.empty(hand), rejected
     points, normals, used, bent, R_OH = (np.array(c) for c in zip(*sets, strict=True))
     points[bent], normals[bent] = samples.project(points[bent], normals[bent])
     X_OH, q = _initial_postures(hand, points + _radii(hand)[:, None] * normals, used, R_OH)

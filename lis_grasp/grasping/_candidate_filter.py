@@ -12,7 +12,7 @@ import trimesh
 from lis_grasp.geometry import apply_pose, rotate
 from lis_grasp.grasping.body_clearance import BodyClearance, Hit
 from lis_grasp.grasping.grasp_batch import GraspBatch
-from lis_grasp.grasping.grasps import STANDOFF, Reach
+from lis_grasp.grasping.grasps import STANDOFF, Grasp, GraspSearch, Reach
 from lis_grasp.grasping.inverse_kinematics import solve_ik
 from lis_grasp.grasping.lift_path import STRAIGHT_LIFTS, LiftPath
 from lis_grasp.robots.collision import HandCollisionChecker
@@ -122,6 +122,18 @@ class CandidateFilter:
         batch = batch.subset(kept)
         away = replace(batch, points=batch.points + _OPENING * self._opening * batch.normals)
         return self._with_free_ways(kept, batch, solve_ik(self._hand, away, palm_fixed=True).q)
+
+    def search(
+        self, grasps: Sequence[Grasp], rejected: Counter[str], candidates: int
+    ) -> GraspSearch:
+        """Return the result of a search; what this filter rejected is added to the counts."""
+        counts = rejected + self.rejected
+        return GraspSearch(
+            tuple(grasps),
+            {reason: n for reason, n in sorted(counts.items()) if n},
+            candidates,
+            dict(sorted(self.hit_bodies.items())),
+        )
 
     def filter_cups(self, batch: GraspBatch) -> tuple[IndexArray, GraspBatch]:
         """Return the same of grasps by a suction cup: posed as they are, without an opening."""

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import chain, combinations
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.geometry import as_pose
 from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.robots.hand import Hand, thumb_of
 from lis_grasp.shapes.mesh_distance import closest_points
@@ -15,6 +20,30 @@ from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 _NEAR = 0.015
 """Largest distance of a pad of a given posture from its contact [m]: planners that close by force
 stop short of the surface, or inside it."""
+
+
+def require_postures(
+    hand: Hand, poses: Any, joints: npt.ArrayLike | None
+) -> tuple[FloatArray, FloatArray | None]:
+    """Return palm poses (N, 4, 4), and joint positions (N, J) if there are any."""
+    several = isinstance(poses, Sequence) or np.ndim(poses) == 3
+    places = np.array([as_pose(X_OH) for X_OH in (poses if several else [poses])])
+    if places.shape[1:] != (4, 4) or not np.isfinite(places).all():
+        raise InvalidOptionError(
+            "poses must be finite poses (N, 4, 4) of the palm in the object's frame;"
+            f" they have the shape {places.shape}",
+            option="poses",
+        )
+    if joints is None:
+        return places, None
+    postures, shape = np.array(joints, dtype=np.float64, ndmin=2), (len(places), len(hand.lower))
+    if postures.shape != shape or not np.isfinite(postures).all():
+        raise InvalidOptionError(
+            f"joints must be {shape[1]} finite joint positions of '{hand.name}' for each of"
+            f" {shape[0]} poses; they have the shape {postures.shape}",
+            option="joints",
+        )
+    return places, postures
 
 
 def contact_sets_at(
@@ -43,9 +72,7 @@ def contact_sets_at(
                 chosen = used[:, None]
                 sets.append((number, points * chosen, normals * chosen, used, X_OH, q))
     if not sets:
-        empty = np.zeros((0, len(hand.pads), 3))
-        batch = GraspBatch(empty, empty, empty[..., 0] > 0.0, np.zeros((0, 4, 4)), pregrasps[:0])
-        return np.zeros(0, dtype=np.intp), batch
+        return np.zeros(0, dtype=np.intp), GraspBatch.empty(hand)
     numbers, points, normals, used, X_OH, q = (np.array(of) for of in zip(*sets, strict=True))
     return numbers, GraspBatch(points, normals, used, X_OH, q)
 

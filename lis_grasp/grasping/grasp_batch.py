@@ -57,6 +57,13 @@ class GraspBatch:
             },
         )
 
+    @classmethod
+    def empty(cls, hand: Hand) -> GraspBatch:
+        """Return no sets of contacts of a hand."""
+        contacts = np.zeros((0, len(hand.pads), 3))
+        used, q = np.zeros((0, len(hand.pads)), bool), np.zeros((0, len(hand.joint_names)))
+        return cls(contacts, contacts, used, np.zeros((0, 4, 4)), q)
+
     def __len__(self) -> int:
         return len(self.points)
 

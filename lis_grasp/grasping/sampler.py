@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import trimesh
-from scipy.special import ndtr
 
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
-from lis_grasp.geometry import as_pose, rotate
+from lis_grasp.geometry import rotate
 from lis_grasp.grasping._antipodal_sampling import AT_RIMS, NARROW, USUAL, sample_contact_sets
 from lis_grasp.grasping._candidate_filter import CandidateFilter, lowest_contact
+from lis_grasp.grasping._candidate_ranking import CandidateRanking, ranked, ranks_of
 from lis_grasp.grasping._contact_samples import SurfaceSamples
-from lis_grasp.grasping._posed_contacts import contact_sets_at
+from lis_grasp.grasping._posed_contacts import contact_sets_at, require_postures
 from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasp_quality import GraspScorer
-from lis_grasp.grasping.grasps import Grasp, GraspSearch, LoadPrior, Reach
+from lis_grasp.grasping.grasps import GraspSearch, LoadPrior, Reach
 from lis_grasp.grasping.hand_capacity import least_pinched_height
 from lis_grasp.grasping.lift_path import STRAIGHT_LIFTS, LiftPath
 from lis_grasp.grasping.planned_meshes import require_closed
@@ -41,8 +41,6 @@ CANDIDATES = 4000
 _ENOUGH, _LIKELY = 3, 0.5
 # Contact sets per batch; the first one expects this many for each robust grasp.
 _SMALLEST_BATCH, _LARGEST_BATCH, _SETS_PER_GRASP = 50, 300, 4
-# Standard deviation of the distance between a link and the surface where both are planned [m].
-_LINK_ERROR = 0.002
 # Refinement: standard deviations of the steps [m]; perturbed grasps, the best of which are tried.
 _STEPS = (0.01, 0.01, 0.005, 0.005, 0.0025)
 _PERTURBATIONS, _TRIED = 8, 2
@@ -158,11 +156,10 @@ class ForceClosureSampler:
         lowest = -np.inf if support_height is None else support_height + lowest_contact(self.hand)
         tip = min(pad.radius for pad in self.hand.pads)
         samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, pad_radius=tip)
-        judges = self._judges(mesh, rng, support_height)
-        search = _Search(self.hand, samples, *judges, rng)
+        search = _Search(self.hand, samples, self._ranking(mesh, rng, support_height), rng)
         search.draw_enough(self.candidates, count)
         first, poor = search.grasps, search.drawn >= self.candidates  # few are robust
-        if first is None or len(first) < count or (poor and _ranks(first).max() < _LIKELY):
+        if first is None or len(first) < count or (poor and ranks_of(first).max() < _LIKELY):
             search.samples = SurfaceSamples(
                 mesh, lowest=lowest, rng=rng, bends=True, pad_radius=tip
             )
@@ -214,20 +211,20 @@ class ForceClosureSampler:
         True
         """
         require_closed(mesh)
-        places, postures = _require_postures(self.hand, poses, joints)
-        judges = self._judges(mesh, np.random.default_rng(rng), support_height)
+        places, postures = require_postures(self.hand, poses, joints)
+        ranking = self._ranking(mesh, np.random.default_rng(rng), support_height)
         of_pose, sets = contact_sets_at(self.hand, mesh, places, postures)
-        kept, grasps = _scored(*judges, sets)
-        best = _best_of_each(of_pose[kept], _ranks(grasps), most=1)
+        kept, grasps = ranking.scored(sets)
+        best = _best_of_each(of_pose[kept], ranks_of(grasps), most=1)
         rejected = Counter(
             no_surface_for_a_finger=len(places) - len(set(of_pose)),
             outranked=len(kept) - len(best),
         )
-        return _result(*judges, grasps.subset(best), rejected, len(places))
+        return ranking.search(grasps.subset(best), rejected, len(places))
 
-    def _judges(
+    def _ranking(
         self, mesh: trimesh.Trimesh, rng: np.random.Generator, support_height: float | None
-    ) -> tuple[CandidateFilter, GraspScorer]:
+    ) -> CandidateRanking:
         """Return what rejects contact sets on a mesh, and what ranks their grasps."""
         candidate_filter = CandidateFilter(
             self.hand,
@@ -241,31 +238,7 @@ class ForceClosureSampler:
         scorer = GraspScorer(
             self.hand, mesh, prior=self.prior, rng=rng, support_height=support_height
         )
-        return candidate_filter, scorer
-
-
-def _require_postures(
-    hand: Hand, poses: Any, joints: npt.ArrayLike | None
-) -> tuple[FloatArray, FloatArray | None]:
-    """Return palm poses (N, 4, 4), and joint positions (N, J) if there are any."""
-    several = isinstance(poses, Sequence) or np.ndim(poses) == 3
-    places = np.array([as_pose(X_OH) for X_OH in (poses if several else [poses])])
-    if places.shape[1:] != (4, 4) or not np.isfinite(places).all():
-        raise InvalidOptionError(
-            "poses must be finite poses (N, 4, 4) of the palm in the object's frame;"
-            f" they have the shape {places.shape}",
-            option="poses",
-        )
-    if joints is None:
-        return places, None
-    postures, shape = np.array(joints, dtype=np.float64, ndmin=2), (len(places), len(hand.lower))
-    if postures.shape != shape or not np.isfinite(postures).all():
-        raise InvalidOptionError(
-            f"joints must be {shape[1]} finite joint positions of '{hand.name}' for each of"
-            f" {shape[0]} poses; they have the shape {postures.shape}",
-            option="joints",
-        )
-    return places, postures
+        return CandidateRanking(candidate_filter, scorer)
 
 
 @dataclass(slots=True)
@@ -274,8 +247,7 @@ class _Search:
 
     hand: Hand
     samples: SurfaceSamples
-    candidate_filter: CandidateFilter
-    scorer: GraspScorer
+    ranking: CandidateRanking
     rng: np.random.Generator
     grasps: GraspBatch | None = None
     rejected: Counter[str] = field(default_factory=Counter)
@@ -309,7 +281,7 @@ class _Search:
             self.hand, self.samples, count=count, limits=self.limits, rng=self.rng
         )
         self.rejected.update(failed)
-        _, scored = self._scored(sets)
+        _, scored = self.ranking.scored(sets)
         self.grasps = scored if self.grasps is None else self.grasps.joined(scored)
 
     def refine(self, count: int) -> None:
@@ -317,84 +289,27 @@ class _Search:
         if self.grasps is None:
             return
         self.rejected["outranked"] += max(len(self) - count, 0)
-        best = _sorted(self.grasps).subset(np.arange(min(count, len(self))))
+        best = ranked(self.grasps).subset(np.arange(min(count, len(self))))
         for distance in _STEPS if len(best) else ():
             _LOG.info("improving %d grasps by steps of %.2g mm", len(best), 1e3 * distance)
             parents, sets = perturb_grasps(
                 self.hand, best, self.samples, each=_PERTURBATIONS, distance=distance, rng=self.rng
             )
-            chosen = _best_of_each(parents, self.scorer.loads_per_grip(sets))
+            chosen = _best_of_each(parents, self.ranking.scorer.loads_per_grip(sets))
             self.drawn += len(chosen)
-            kept, scored = self._scored(sets.subset(chosen), _ranks(best)[parents[chosen]])
+            kept, scored = self.ranking.scored(sets.subset(chosen), ranks_of(best)[parents[chosen]])
             self.rejected["outranked"] += len(kept)
             both = best.joined(scored)
-            ranks, winners = _ranks(both), np.arange(len(best))
+            ranks, winners = ranks_of(both), np.arange(len(best))
             for i, parent in enumerate(parents[chosen[kept]], start=len(best)):
                 if ranks[i] > ranks[winners[parent]]:
                     winners[parent] = i
             best = both.subset(winners)
-        self.grasps = _sorted(best)
+        self.grasps = ranked(best)
 
     def result(self) -> GraspSearch:
         """Return the grasps, ranked by precise qualities, over the prior of the load."""
-        return _result(self.candidate_filter, self.scorer, self.grasps, self.rejected, self.drawn)
-
-    def _scored(
-        self, sets: GraspBatch, ranks: FloatArray | None = None
-    ) -> tuple[IndexArray, GraspBatch]:
-        return _scored(self.candidate_filter, self.scorer, sets, ranks)
-
-
-def _scored(
-    candidate_filter: CandidateFilter,
-    scorer: GraspScorer,
-    sets: GraspBatch,
-    ranks: FloatArray | None = None,
-) -> tuple[IndexArray, GraspBatch]:
-    """Return the indices of the contact sets with a grasp, and their grasps.
-
-    Those that surely rank below given `ranks` (B,) may be left out.
-    """
-    kept, candidates = candidate_filter.solve_and_filter(sets)
-    assert candidates.clearance is not None
-    least = None if ranks is None else ranks[kept] / _apart(candidates.clearance)
-    closed, scored = scorer.score(candidates, least)
-    return kept[closed], scored
-
-
-def _result(
-    candidate_filter: CandidateFilter,
-    scorer: GraspScorer,
-    found: GraspBatch | None,
-    rejected: Counter[str],
-    candidates: int,
-) -> GraspSearch:
-    """Return the grasps, ranked by precise qualities, over the prior of the load."""
-    rejected = rejected + candidate_filter.rejected + scorer.rejected
-    grasps: list[Grasp] = []
-    if found is not None:
-        grasps = scorer.plan_forces(_sorted(scorer.predict_success(found)))
-    return GraspSearch(
-        tuple(grasps),
-        {reason: n for reason, n in sorted(rejected.items()) if n},
-        candidates,
-        dict(sorted(candidate_filter.hit_bodies.items())),
-    )
-
-
-def _ranks(grasps: GraspBatch) -> FloatArray:
-    """Return the predicted success, times the probability that only fingertips touch, (B,)."""
-    quality = grasps.quality
-    return np.asarray(quality["success_probability"] * _apart(quality["clearance"]))
-
-
-def _sorted(grasps: GraspBatch) -> GraspBatch:
-    return grasps.subset(np.argsort(-_ranks(grasps), kind="stable"))
-
-
-def _apart(clearance: npt.ArrayLike) -> FloatArray:
-    """Return the probability that links planned at a clearance [m] do not touch the object."""
-    return np.asarray(ndtr(np.asarray(clearance) / _LINK_ERROR))
+        return self.ranking.search(self.grasps, self.rejected, self.drawn)
 
 
 def _best_of_each(parents: IndexArray, loads: FloatArray, most: int = _TRIED) -> IndexArray:

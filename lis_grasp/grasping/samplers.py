@@ -85,8 +85,6 @@ def make_planner(name: str, hand: Hand) -> GraspSampler:
         If its code raises an error.
     """
     make = PLANNER_NAMES.find(name)
-    if name in PLANNERS:
-        return PLANNERS[name](hand)
     with errors_of(name, make):
         planner = make(hand)
     if not hasattr(planner, "sample"):

@@ -123,14 +123,8 @@ class SuctionSampler:
             found = free if found is None else found.joined(free)
         assert found is not None
         best = self._ranked(mesh, found, rng)[:count]
-        rejected += candidate_filter.rejected
         rejected["outranked"] += len(found) - len(best)
-        return GraspSearch(
-            tuple(best),
-            {reason: n for reason, n in sorted(rejected.items()) if n},
-            drawn,
-            dict(sorted(candidate_filter.hit_bodies.items())),
-        )
+        return candidate_filter.search(best, rejected, drawn)
 
     def _sealed_places(
         self, mesh: trimesh.Trimesh, tree: MeshTree, places: int, rng: np.random.Generator

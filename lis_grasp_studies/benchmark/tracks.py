@@ -15,7 +15,7 @@ from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.exploration.policy import POLICY_NAMES
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.grasping.samplers import PLANNER_NAMES, PLANNERS, make_planner
+from lis_grasp.grasping.samplers import PLANNER_NAMES, make_planner
 from lis_grasp.io.json_lines import Row
 from lis_grasp.shapes import Shape
 from lis_grasp.stages.plan import plan_grasps
@@ -104,19 +104,19 @@ def measure_policy(trial: StoredTrial, policy: str) -> Row:
     return row
 
 
-def _lifted(trial: LiftTrial, estimator: str, hand: str, planner: str = "force_closure") -> Row:
+def _lifted(trial: LiftTrial, estimator: str, hand: str, planner: str = "") -> Row:
     shape, contacts = stored_object(trial.protocol, trial.number)
     row: Row = {"object": shape.name, "held": 0, "slip": None, "reason": "", "predicted": None}
     options = {"hand": hand, "touches": trial.touches, "grasps": 1}
     try:
         mesh = _mesh_to_grasp(trial, estimator, shape, contacts, options)
         scenario = scenario_of(shape, _SEED, **options)
-        if planner in PLANNERS:
-            found: Sequence[Grasp] = plan_grasps(scenario.agent, mesh)
-        else:
+        if planner:
             height = scenario.agent.support_height
             sampler = make_planner(planner, scenario.agent.hand)
-            found = sampler.sample(mesh, rng=_SEED, support_height=height, count=1)
+            found: Sequence[Grasp] = sampler.sample(mesh, rng=_SEED, support_height=height, count=1)
+        else:
+            found = plan_grasps(scenario.agent, mesh)
         if not len(found):
             return row | {"reason": "no grasp"}
         outcome = pipeline.lift(scenario, found[0])

@@ -14,6 +14,7 @@ from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping import sampler as sampler_module
 from lis_grasp.grasping._antipodal_sampling import sample_contact_sets
 from lis_grasp.grasping._candidate_filter import CandidateFilter
+from lis_grasp.grasping._candidate_ranking import ranks_of
 from lis_grasp.grasping._contact_samples import SurfaceSamples
 from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasp_quality import GraspScorer
@@ -115,7 +116,7 @@ def test_planned_forces_squeeze_in_balance(box_search: GraspSearch) -> None:
 
 def test_grasps_are_ranked_by_predicted_success(box_search: GraspSearch) -> None:
     qualities = [grasp.quality for grasp in box_search.grasps]
-    values = sampler_module._ranks(GraspBatch.of_grasps(box_search.grasps, ALLEGRO))
+    values = ranks_of(GraspBatch.of_grasps(box_search.grasps, ALLEGRO))
     assert (np.diff(values) <= 0.0).all()
     for quality in qualities:
         assert 0.0 < quality["success_probability"] < 1.0
@@ -211,8 +212,7 @@ def test_refinement_raises_the_rank_of_grasps(name: str, monkeypatch: pytest.Mon
     monkeypatch.setattr(sampler_module, "_STEPS", ())
     drawn = _search(ALLEGRO, name, seed=5)
     chances = [
-        sampler_module._ranks(GraspBatch.of_grasps(search.grasps, ALLEGRO))
-        for search in (drawn, refined)
+        ranks_of(GraspBatch.of_grasps(search.grasps, ALLEGRO)) for search in (drawn, refined)
     ]
     assert all(after >= before for before, after in zip(*chances, strict=True))
     assert chances[1][0] >= chances[0][0]
