@@ -68,7 +68,8 @@ def touch_more(
     if isinstance(agent.space, Workspace):
         space = replace(agent.space, support_height=agent.support_height)
         agent = replace(agent, space=space)
-    again = np.unique(np.linspace(0, len(contacts) - 1, _TOUCHED_AGAIN).round()).astype(int)
+    most = min(_TOUCHED_AGAIN, len(contacts))  # none after a view alone
+    again = np.unique(np.linspace(0, len(contacts) - 1, most).round()).astype(int)
     rest = contacts.subset(np.delete(np.arange(len(contacts)), again))
     tracker = PoseTracker(agent.robot.sensor.position_noise)
     perception = make_perception(agent.perception, rest)

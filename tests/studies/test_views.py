@@ -64,7 +64,14 @@ def test_the_table_has_a_line_for_each_number_of_touches() -> None:
         objects=["box"], hands=["wsg50"], touches=[0, 3],
     )  # fmt: skip
     assert len(list(part.trials(0, Places()))) == 2
-    assert part.numbers(rows)["seen_3"] == 1.0
+    assert part.numbers(rows)["seen 3"] == 100.0
+
+
+@pytest.mark.slow
+def test_an_object_with_an_unseen_end_is_touched_more_though_nothing_was_touched() -> None:
+    row = measure_view(ViewTrial("cone", "wsg50", 0, 43, prober="dynamic"), SEEN)
+    assert row["probes"] == 0
+    assert row["held"]
 
 
 @pytest.mark.slow
