@@ -28,7 +28,7 @@ shutil.copytree(
     ignore=shutil.ignore_patterns(".ipynb_checkpoints"),
 )
 
-WORDS = 46_000
+WORDS = 45_000
 logger = logging.getLogger(__name__)
 
 project = "lis_grasp"
