@@ -46,6 +46,9 @@ _OBLIQUE, _TILTED = _directions(np.pi / 4.0, np.pi / 2.0), _directions(np.pi / 1
 # Low on an object's side the hand stays above a fingertip that points obliquely down.
 _DOWN = np.deg2rad([45.0, 60.0, 75.0])
 
+# Where an arm seeks the object, its end or its new place, it takes no approach that is more exposed
+# than the least exposed one by this width [m]: another motion finds it by a fingertip.
+_MORE_EXPOSED = 0.02
 # Inner links keep this far off the estimate on a motion beyond its target [m].
 _FARTHER = 0.005
 # Number of axes that are tried before the oblique ones.
@@ -149,7 +152,11 @@ class ApproachPlanner:
         def reached(approaches: list[Approach]) -> Approach | None:
             if self._reach is None:
                 return self._with_way(approaches, obstacles, hits)
-            return self._reached(self._reach, approaches, probe, obstacles, start)
+            # Where an earlier probe passed with this pose, no other link touched.
+            for some in (_on_passed_way(approaches, probe), approaches):
+                if (found := self._reached(self._reach, some, probe, obstacles, start)) is not None:
+                    return found
+            return None
 
         for axis in self._axes_of(probe, searches):
             free: list[Approach] = []
@@ -166,7 +173,9 @@ class ApproachPlanner:
             spare.append(near)
             if (found := reached(free)) is not None:
                 return found
-        exposed = self._least_exposed(searched, probe, height) if height is not None else ()
+        seeks = self._reach is not None and probe.purpose != "policy"
+        most = _MORE_EXPOSED if seeks else np.inf
+        exposed = self._least_exposed(searched, probe, height, most) if height is not None else ()
         for some in chain(exposed, spare):
             if (found := reached(some)) is not None:
                 return found
@@ -215,11 +224,11 @@ class ApproachPlanner:
                 yield approach
 
     def _least_exposed(
-        self, approaches: list[Approach], probe: Probe, height: float
+        self, approaches: list[Approach], probe: Probe, height: float, most: float
     ) -> Iterator[list[Approach]]:
         """Yield the approaches to a level motion above a table, equally exposed ones at once.
 
-        The least exposed are first.
+        The least exposed are first, the last are at `most` more exposed than these [m].
         """
 
         def exposed(approach: Approach) -> float:
@@ -231,6 +240,8 @@ class ApproachPlanner:
             return float(np.round(width / SPACING))
 
         widths = [(exposed(approach), approach) for approach in approaches]
+        least = min((width for width, _ in widths), default=0.0)
+        widths = [(width, a) for width, a in widths if width <= least + most / SPACING]
         for _, equal in groupby(sorted(widths, key=itemgetter(0)), itemgetter(0)):
             yield [approach for _, approach in equal]
 
@@ -286,6 +297,14 @@ class ApproachPlanner:
         """Yield every hand at the start of a probe, without an approach and without a check."""
         for posture, center_H, _ in self._bodies:
             yield from _rolled(posture, center_H, probe, probe.direction, 0.0)
+
+
+def _on_passed_way(approaches: list[Approach], probe: Probe) -> list[Approach]:
+    """Return the approaches to the motion that an earlier probe made, with its pose of the hand."""
+    way = probe.passed
+    if way is None:
+        return []
+    return [a for a in approaches if way.length_from(a.X_OH, probe.direction) > 0.0]
 
 
 def _path(approach: Approach, probe: Probe) -> FloatArray:

@@ -1,5 +1,7 @@
 """Probes and grasps within the reach of an arm, and probes that keep off the estimate."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -8,17 +10,21 @@ from analytic_surfaces import box as box_of
 from stations import station_with
 
 from lis_grasp.arms.collision import StationChecker
-from lis_grasp.arms.reach import JUMP
+from lis_grasp.arms.reach import JUMP, ArmPlace
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration.probe import Probe
+from lis_grasp.exploration.probe import PassedWay, Probe
+from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
+from lis_grasp.geometry import apply_pose
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.probing.approach_planner import (
     OUT_OF_ARM_REACH,
     Approach,
     ApproachPlanner,
+    points_on_links,
 )
+from lis_grasp.probing.exposure import exposed_width
 from lis_grasp.probing.guarded_motion import GuardedMotion
 from lis_grasp.probing.keep_out import FREE, INSIDE, NEAR, KeepOut
 from lis_grasp.results.summary import REJECTIONS
@@ -76,6 +82,53 @@ def test_a_probe_out_of_the_arms_reach_is_blocked_with_the_reason(
     assert ApproachPlanner(far.hand, far).plan(probe, _obstacles()) is None
     assert GuardedMotion(far.hand, box, far).run(probe, _obstacles()) == OUT_OF_ARM_REACH
     assert not isinstance(GuardedMotion(far.hand, box).run(probe, _obstacles()), str)
+
+
+@pytest.mark.slow
+def test_an_arm_seeks_by_motions_on_which_fingertips_lead(station: Station) -> None:
+    hand, region = station.hand, Region()
+    space = ObstacleModel(region.grown(Contacts.empty()), Contacts.empty(), None)
+    planners = {"free": ApproachPlanner(hand), "arm": ApproachPlanner(hand, station)}
+
+    def exposed(name: str, probe: Probe) -> float | None:
+        approach = planners[name].plan(probe, space)
+        if approach is None:
+            return None
+        joints = [approach.posture.joint_positions]
+        links = (hand.fingertip_links, {*hand.links} - hand.fingertip_links)
+        inner, tips = (
+            apply_pose(approach.X_OH, points_on_links(hand, joints, out)[0]) for out in links
+        )
+        return exposed_width(inner, tips, probe.direction, 0.0)
+
+    level = ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0])
+    sweeps = [Probe([0.0, 0.0, 0.0045], way, 0.2, 0.2, purpose="search") for way in level]
+    of_arm = {k: exposed("arm", probe) for k, probe in enumerate(sweeps)}
+    reached = [k for k, width in of_arm.items() if width is not None]
+    assert reached
+    for k in reached:  # a free hand takes the least exposed approach
+        assert of_arm[k] <= exposed("free", sweeps[k]) + 0.02 + 1e-9
+    # What the policy wants is near the estimate: there the arm may take any approach.
+    any_way = [exposed("arm", replace(probe, purpose="policy")) for probe in sweeps]
+    assert max(width for width in any_way if width is not None) > 0.1
+
+
+@pytest.mark.slow
+def test_a_repeated_probe_has_the_pose_of_the_hand_that_touched(station: Station) -> None:
+    planner, places = ApproachPlanner(station.hand, station), _obstacles()
+    probe = Probe([0.0, 0.0, 0.12], [0.0, 0.0, -1.0], standoff=0.05, overshoot=0.02)
+    first = planner.find(probe, places)
+    X_OH = first.X_OH.copy()
+    X_OH[:3, 3] += probe.standoff * probe.direction
+    again = replace(probe, purpose="repeat", passed=PassedWay(X_OH, 0.005))
+    turned = []
+    for side in ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]):
+        other = planner.find(Probe([0.0, 0.0, 0.06], side, 0.1, 0.0), places)
+        start = ArmPlace(other.arm.motion[-1], other.posture.joint_positions)
+        ways = [planner.find(one, places, start) for one in (again, probe)]
+        np.testing.assert_allclose(ways[0].X_OH, first.X_OH, atol=1e-9)
+        turned.append(np.linalg.norm(ways[1].X_OH - first.X_OH))
+    assert max(turned) > 0.1  # from other places, other poses are nearer
 
 
 @pytest.mark.slow
