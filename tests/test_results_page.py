@@ -59,9 +59,12 @@ def _words(text: str) -> str:
     return " ".join(text.replace("**", "").split())
 
 
-def test_rows_are_of_one_commit() -> None:
-    rows = [row for of in _published()[1].values() for row in of]
-    assert len({(row["version"], row["commit"]) for row in rows}) == 1
+def test_rows_are_of_one_commit_but_for_views() -> None:
+    # The views were measured again after a repair that only they meet.
+    commits: dict[bool, set[tuple[str, str]]] = {False: set(), True: set()}
+    for name, rows in _published()[1].items():
+        commits[name.startswith("views")] |= {(row["version"], row["commit"]) for row in rows}
+    assert [len(of) for of in commits.values()] == [1, 1]
 
 
 def test_the_results_page_is_the_template_filled_from_the_rows() -> None:
