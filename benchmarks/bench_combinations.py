@@ -1,6 +1,6 @@
 """Every hand on every arm, with both probers and two simulators: what runs, and what says why not.
 
-    python benchmarks/bench_combinations.py                    # 64 runs, half an hour on one core
+    python benchmarks/bench_combinations.py  # 64 runs: the package's hands and arms
     python benchmarks/bench_combinations.py leap shadow --arms none iiwa14 franka_panda
 
 Prints how each run of box and cylinder ended: the lift's reason, or the sentence that refused it.
@@ -15,9 +15,9 @@ from tempfile import TemporaryDirectory
 
 import lis_grasp as lg
 from lis_grasp.exceptions import LisGraspError
+from lis_grasp.robots.shipped_models import ARM_NAMES, HAND_NAMES
 from lis_grasp_studies.harness.program import exit_code, read_options
 
-_HANDS = ["allegro", "wsg50", "barrett", "cup"]
 _PARTS = (("dynamic", "kinematic"), ("drake", "mujoco"), ("box", "cylinder"))
 
 
@@ -35,7 +35,7 @@ def ended(hand: str, arm: str, prober: str, simulator: str, name: str, touches: 
 
 
 def main() -> int:
-    options = read_options(__doc__, objects=_HANDS, arms=["none", "iiwa14"], touches=20)
+    options = read_options(__doc__, objects=list(HAND_NAMES), arms=["none", *ARM_NAMES], touches=20)
 
     def run_all() -> None:
         for hand, arm, *parts in product(options.objects, options.arms, *_PARTS):

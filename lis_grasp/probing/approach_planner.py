@@ -153,7 +153,8 @@ class ApproachPlanner:
             if self._reach is None:
                 return self._with_way(approaches, obstacles, hits)
             # Where an earlier probe passed with this pose, no other link touched.
-            for some in (_on_passed_way(approaches, probe), approaches):
+            for passed in (True, False):
+                some = [a for a in approaches if _is_on_passed_way(a, probe) == passed]
                 if (found := self._reached(self._reach, some, probe, obstacles, start)) is not None:
                     return found
             return None
@@ -299,12 +300,10 @@ class ApproachPlanner:
             yield from _rolled(posture, center_H, probe, probe.direction, 0.0)
 
 
-def _on_passed_way(approaches: list[Approach], probe: Probe) -> list[Approach]:
-    """Return the approaches to the motion that an earlier probe made, with its pose of the hand."""
+def _is_on_passed_way(approach: Approach, probe: Probe) -> bool:
+    """Return whether an earlier probe made this motion, with this pose of the hand."""
     way = probe.passed
-    if way is None:
-        return []
-    return [a for a in approaches if way.length_from(a.X_OH, probe.direction) > 0.0]
+    return way is not None and way.length_from(approach.X_OH, probe.direction) > 0.0
 
 
 def _path(approach: Approach, probe: Probe) -> FloatArray:

@@ -12,14 +12,14 @@ import pytest
 import lis_grasp as lg
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.results.summary import LIFT_REASONS
+from lis_grasp.robots.shipped_models import HAND_NAMES
 
-HANDS = ("allegro", "wsg50", "barrett", "cup")
 ARMS, PROBERS = (None, "iiwa14"), ("dynamic", "kinematic")
 SIMULATORS, OBJECTS = ("drake", "mujoco"), ("box", "cylinder")
 
 PAIRWISE = [
     (hand, ARMS[j], PROBERS[j ^ (k & 1)], SIMULATORS[j ^ (k >> 1)], OBJECTS[j ^ (k & 1) ^ (k >> 1)])
-    for k, hand in enumerate(HANDS)
+    for k, hand in enumerate(HAND_NAMES)
     for j in range(2)
 ]
 
