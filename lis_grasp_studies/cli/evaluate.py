@@ -42,8 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from lis_grasp.cli import options as opt
 
     parser.description = (
-        "Measure what the results page says: the paper's experiments, surfaces, lies, explorations,"
-        " grasps in both simulators, arms and times. Seeds come in rounds, in a round the parts in"
+        "Measure what the results page says: the paper's experiments, surfaces, lies, views,"
+        " grasps in three simulators, and arms. Seeds come in rounds, in a round the parts in"
         " the order of the file. Run again, it continues with what is missing. Needs the extra"
         " study."
     )
